@@ -203,7 +203,9 @@ def test_what_may_be_a_photo_is_drawn_first(monkeypatch):
     only, told = only_made(task, doubtful)
     assert (only.style.name, only.facts["shapes"], is_finished(told)) == ("artwork", 2, False)
     assert (choose._shaded,) not in task.results
-    shaded = shaded_drawing(task)
+    shaded = task.once(choose._shaded)
+    assert shaded is not None and curves_of_equal_bytes(task, only) <= curves_of_equal_bytes(task, shaded)
+    assert delta_e(task, only.scene, only.samples) <= delta_e(task, shaded.scene, shaded.samples)
     monkeypatch.setattr(choose, "_nearest_shaded", lambda _: shaded)
     certain, _ = only_made(task, MEASURED)
     assert "shaded within its outlines: no photo of as many bytes is nearer" in certain.notes
@@ -252,8 +254,10 @@ def test_a_doubtful_drawing_is_given_up_where_its_sketch_is_no_nearer_than_an_ea
 
 
 def test_where_the_style_is_doubtful_a_photo_may_replace_the_drawing():
-    drawn, photo = candidates(task_for(blotches(), steps=200), replace(MEASURED, doubtful=True))
-    assert (drawn.style.name, photo.style.name) == ("artwork", "photo")
+    told: list[Progress] = []
+    task = replace(task_for(blotches(), steps=200), on_progress=told.append)
+    drawn, photo = candidates(task, replace(MEASURED, doubtful=True))
+    assert (drawn.style.name, photo.style.name) == ("artwork", "photo") and is_finished(told)
 
 
 def test_a_photo_is_not_fitted_to_the_end_where_a_quick_one_is_no_nearer_than_the_drawing():

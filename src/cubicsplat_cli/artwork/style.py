@@ -152,15 +152,15 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Return the share of the drawn pixels that are flat in one of the commonest colours, or in gradients."""
     from cubicsplat_cli.artwork.input.softness import in_gradients
 
-    step = _step(levels)
-    levels, drawn = levels[::step, ::step], drawn[::step, ::step]
+    levels, drawn = _thinned(levels, drawn)
     explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | in_gradients(levels, tries=16, layered=True)
     return float((explained & drawn).sum() / drawn.sum())
 
 
-def _step(levels: np.ndarray) -> int:
-    """Return which rows and columns of a picture leave about 600 px of its longer side."""
-    return 1 + max(levels.shape[:2]) // 600
+def _thinned(levels: np.ndarray, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return every so many rows and columns of a picture: about 600 px of its longer side."""
+    step = 1 + max(levels.shape[:2]) // 600
+    return levels[::step, ::step], drawn[::step, ::step]
 
 
 def _in_possible_fills(levels: np.ndarray, drawn: np.ndarray) -> float:
@@ -173,8 +173,7 @@ def _in_possible_paints(levels: np.ndarray, drawn: np.ndarray) -> float:
     from cubicsplat_cli.artwork.gradients.noisy import plane_areas
     from cubicsplat_cli.artwork.gradients.shade import covered
 
-    step = _step(levels)
-    levels, drawn = levels[::step, ::step], drawn[::step, ::step]
+    levels, drawn = _thinned(levels, drawn)
     gradients = covered(plane_areas(with_channels(levels, 4, 255.0), TYPICAL), drawn.shape)
     return float(((_in_few_colours(levels, drawn, UNSEEN) | gradients) & drawn).sum() / drawn.sum())
 
