@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,15 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo():
     assert "flat, but a quick photo of 12 curves" in second.style.reason
     asked = Request(SETTINGS, style="artwork", measure=False)
     assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, StageTimer()))] == ["artwork"]
+
+
+def test_a_photo_that_is_farther_in_colour_does_not_replace_a_drawing():
+    """Even where much of it is lost."""
+    task = task_for(blotches(), curves=4, steps=60)
+    (drawing,) = candidates(task, FLAT)
+    photo = task.once(PhotoFit).finished
+    assert seen_db(task, drawing.scene, drawing.samples) < 32.0
+    assert delta_e(task, drawing.scene, drawing.samples) < delta_e(task, photo.scene, photo.samples)
 
 
 def test_a_drawing_of_many_pieces_gives_way_before_it_is_finished():
@@ -395,7 +405,7 @@ def test_soft_shading_of_few_pixels_is_nearer_as_a_photo():
 
 @pytest.mark.parametrize(("off", "style"), [((0.4, 0.5), "artwork"), ((0.5, 0.4), "photo")])
 def test_a_photo_must_be_nearer_in_its_colours_too(off, style, monkeypatch):
-    figures = iter(off)
+    figures = cycle(off)
     monkeypatch.setattr(choose, "delta_e", lambda *_: next(figures))
     *_, made = candidates(task_for(soft_ball(), curves=48, steps=60), FLAT)
     assert made.style.name == style

@@ -28,7 +28,8 @@ from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
-from cubicsplat_cli.scene import LayeredScene, Scene
+from cubicsplat_cli.scene import LayeredScene
+from cubicsplat_cli.settings import USUAL_CURVES
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
@@ -227,6 +228,8 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
         if reason is None:
             return drawing
         photo = _shaded_or_photo(task, drawing.style, reason)
+        if not photo.interrupted and _has_few_bytes(task, drawing) and _delta_e(task, drawing) <= _delta_e(task, photo):
+            return drawing
     except Exception as error:
         return drawing.with_note(f"the drawing stays, since {_failure('photo', error)}")
     except KeyboardInterrupt:
@@ -353,9 +356,13 @@ def photo_is_nearer(
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
-    if not quick and curves < all_curves and _is_as_near_in_colour(task, drawing, task.once(quick_photo, all_curves)):
-        return None
+    all_curves = photo_settings(task).curves
+    curves = min(curves_of_equal_bytes(task, drawing), task.request.settings.curves or USUAL_CURVES)
+    if not quick and _has_few_bytes(task, drawing):
+        # A quick photo repeats few artefacts of a lossy file.
+        off, quick_off = _delta_e(task, drawing), delta_e(task, task.once(quick_photo, all_curves), drawing.samples)
+        if off <= quick_off:
+            return None
     if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
         return SHADING
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
@@ -371,6 +378,8 @@ def photo_is_nearer(
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn_db:.1f} dB, as pixels and as tones"
 
 
-def _is_as_near_in_colour(task: Task, drawing: Made, quick: Scene) -> bool:
-    """True if a drawing is as near in colour as a quick photo, which repeats few artefacts of a lossy file."""
-    return _delta_e(task, drawing) <= delta_e(task, quick, drawing.samples)
+def _has_few_bytes(task: Task, drawing: Made) -> bool:
+    """True if a drawing has shapes, and fewer bytes than the photo, or than one of the usual curves of its size."""
+    usual = task.settings().with_(curves=None).for_size(*task.target.size).curves
+    curves = max(photo_settings(task).curves, usual)
+    return drawing.facts["shapes"] > 0 and curves_of_equal_bytes(task, drawing) < curves

@@ -101,7 +101,7 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     """Return the curves of a photo in as many bytes as a drawing takes, or fewer if it would not fit into the request's
     bytes. The bytes of large drawings are not counted.
     """
-    most = task.request.settings.curves or USUAL_CURVES
+    most = max(task.request.settings.curves or 0, USUAL_CURVES)
     if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
         return most
     size = len(drawing.write("", "").encode())
