@@ -89,6 +89,13 @@ def test_text_for_an_lcd_has_one_fill_on_a_ground_that_changes_both_ways():
     assert np.abs(found - plain).mean() < 0.15 * np.abs(came - plain).mean()
 
 
+def test_texts_for_an_lcd_in_two_greys_keep_both():
+    """As in a window of labels and buttons."""
+    sides = [[_text(taps, 1, (grey,) * 3, (217,) * 3, 1.0) for grey in (62, 52)] for taps in (None, (1, 1, 1))]
+    plain, came = (np.concatenate(side, axis=1) for side in sides)
+    assert np.abs(without_subpixels(came) - plain).mean() < 0.002 * np.abs(came - plain).mean()
+
+
 def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
     red, blue, plain = _text(None, 1, (200, 20, 20)), _text(None, 1, (20, 20, 200)), _text(None, 1)
     sides = np.where(np.arange(96)[None, :, None] % 12 < 6, red, blue)  # letters of two colours

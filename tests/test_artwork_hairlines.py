@@ -218,3 +218,12 @@ def test_no_thin_line_has_a_fill_that_stands_for_a_gradient():
     for standing, fill in ((np.zeros((0, 4)), 1), (palette[1:2], 2)):
         fills = pixel_fills(FlatPicture(levels, palette, standing=standing)).fills
         assert (fills[20:, 14] == fill).all()
+
+
+@pytest.mark.parametrize("degrees", [7.0, 20.0, 45.0])
+def test_pixels_of_a_line_that_happen_to_have_another_fill_are_its_blends(degrees):
+    levels = slanted(degrees, 1.2, WHITE)
+    levels[80:87, 80:87, :3] = 128.0  # a fill that blends of the line have too
+    fills = pixel_fills(FlatPicture(levels, picture_fills(levels)))
+    grey = np.flatnonzero(np.abs(fills.palette[:, 0] - 128.0) < 1.0)
+    assert len(grey) == 1 and (np.argwhere(fills.fills == grey[0]) >= 80).all()

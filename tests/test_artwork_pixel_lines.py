@@ -10,7 +10,7 @@ from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
-from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions, pixel_fills
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.load import as_picture
 
@@ -44,6 +44,18 @@ def test_a_frame_between_two_grounds_has_its_own_fill():
     assert (221, 221, 221, 255) in fills_of_regions(page(221, "#f0f2f6"))
 
 
+def test_a_frame_keeps_its_fill_beside_letters_that_a_darker_one_explains_too():
+    levels = np.full((40, 90, 4), 255.0, np.float32)
+    levels[8:32, 8:82, :3] = 120.0
+    levels[9:31, 9:81, :3] = 204.0
+    levels[2:6, 2:20, :3] = 32.0
+    slopes = np.abs(np.arange(9, 81) - 20.0 - 9.0 * (np.arange(9, 31)[:, None] % 3)) % 12.0
+    levels[11:29, 9:81, :3] -= 172.0 * np.clip(1.2 - slopes, 0.0, 0.85)[2:-2, :, None]
+    palette = np.array([(255, 255, 255, 255), (204, 204, 204, 255), (32, 32, 32, 255), (120, 120, 120, 255)], float)
+    fills = pixel_fills(FlatPicture(levels, palette)).fills
+    assert (fills[8, 10:80] == 3).all() and (fills[31, 10:80] == 3).all()
+
+
 def test_a_frame_is_drawn_in_one_piece():
     drawn = [shape for shape in draw(as_picture(page(170)).target()).shapes if shape.fill == (170, 170, 170, 255)]
     assert len(drawn) == 2
@@ -57,10 +69,10 @@ def test_edges_within_a_row_of_pixels_are_no_rules():
     levels[5:7, :, :3] = 128  # a line that two rows share
     palette = np.array([WHITE, (20, 90, 160, 255), BLACK], dtype=float)
     pure = np.full((40, 60), -1, dtype=np.int32)
-    fills, found = with_pixel_lines(levels, palette, pure, None)
+    fills, found, _ = with_pixel_lines(levels, palette, pure, None)
     assert len(fills) == 3 and (found == -1).all()
     levels[6, :, :3] = 255
-    fills, found = with_pixel_lines(levels, palette, pure, None)
+    fills, found, _ = with_pixel_lines(levels, palette, pure, None)
     assert fills[3:].tolist() == [[128, 128, 128, 255]] and (found[5, :59] == 3).all() and (found[6] == -1).all()
     assert len(with_pixel_lines(levels, palette, pure, 3)[0]) == 3
 
@@ -73,7 +85,7 @@ def test_a_line_between_two_grounds_is_a_rule_but_where_what_is_beneath_may_shin
     pure[4:9, :white] = 2
     levels = palette[pure].astype(np.float32)
     levels[20, :, :3] = 91
-    fills, found = with_pixel_lines(levels, palette, pure.astype(np.int32), None)
+    fills, found, _ = with_pixel_lines(levels, palette, pure.astype(np.int32), None)
     assert len(fills) == 3 + rules and (found[20, 1:59] == (3 if rules else -1)).all()
 
 

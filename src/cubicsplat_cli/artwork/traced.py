@@ -136,8 +136,10 @@ def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, mo
     second, share = first.copy(), np.zeros(first.shape, np.float32)
     y, x = np.nonzero(fills.pure < 0)
     near = near_fills(fills.pure, y, x, REACH)
-    # Without a pure pixel near, only the main fill of a pixel is known.
-    near[:, 0] = np.where(near[:, 0] < 0, fills.fills[y, x], near[:, 0])
+    # The main fill of a pixel is near too, even if no pure pixel shows it there.
+    own = fills.fills[y, x]
+    at = np.flatnonzero((near != own[:, None]).all(axis=1) & (near[:, -1] < 0))
+    near[at, (near[at] >= 0).sum(axis=1)] = own[at]
     parts, _ = components((fills.pure < 0).astype(np.int32) - 1)
     # A fill that is not near must explain a pixel better than the near ones by more than chance.
     pairs = blend_pairs(levels[y, x], parts[y, x], fills.palette, near, OUTLIER * error)

@@ -138,30 +138,39 @@ def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
 
 
 def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return (k, 3) levels of the fill of each part: the same for parts that differ from their grounds towards it, and
-    as far from a ground as the strongest sample of these, in channels with 0.3 of the contrast or more.
+    """Return (k, 3) levels of the fill of each part: the strongest sample of those that differ from their grounds
+    towards it, but for parts whose own strongest samples have one other colour, to a level, as those of fills have that
+    cover their pixels in part do not.
     """
-    strongest = np.maximum(np.abs(totals).max(axis=1), 1e-9)
-    contrast = totals / strongest[:, None]
+    contrast = totals / np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
     own = contrast[text.own]
-    peaks = np.zeros(len(totals))
-    strength = np.where(np.abs(own) > 0.3, text.off / np.where(own == 0.0, 1.0, own), 0.0)
-    np.maximum.at(peaks, text.own, strength.max(axis=1))
-    grounds = text.totals(text.ground) / np.maximum(text.sums(np.ones(len(text.at))), 1.0)[:, None]
+    strength = np.where(np.abs(own) > 0.3, text.off / np.where(own == 0.0, 1.0, own), 0.0).max(axis=1)
+    # The strongest sample of each part, in channels with 0.3 of the contrast or more, and the ground beneath it.
+    order = np.argsort(strength, kind="stable")
+    strongest, grounds, peaks = np.zeros(len(totals), dtype=int), np.zeros(totals.shape), np.zeros(len(totals))
+    strongest[text.own[order]] = order
+    grounds[chosen], peaks[chosen] = text.ground[strongest[chosen]], strength[strongest[chosen]]
+    shown = grounds + peaks[:, None] * contrast
     fills, left = np.zeros(totals.shape), np.flatnonzero(chosen)
-    left = left[np.argsort(-strongest[left], kind="stable")]
     while len(left):
-        fill = grounds[left[0]] + contrast[left[0]] * peaks[left[0]]
-        for _ in range(2):  # with the strongest sample of the first part, then of all with its fill
-            towards = fill - grounds[left]
-            towards /= np.maximum(np.abs(towards).max(axis=1, keepdims=True), 1e-9)
-            same = np.abs(contrast[left] - towards).max(axis=1) <= ALIKE
-            same[0] = True
-            best = int(np.argmax(np.where(same, peaks[left], -1.0)))
-            fill = grounds[left[best]] + towards[best] * peaks[left[best]]
+        best = left[np.argmax(peaks[left])]
+        apart = np.abs(shown[left] - shown[best]).max(axis=1)
+        fill = np.median(shown[left[apart <= 1.0]], axis=0)
+        towards = fill - grounds[left]
+        towards /= np.maximum(np.abs(towards).max(axis=1, keepdims=True), 1e-9)
+        same = np.abs(contrast[left] - towards).max(axis=1) <= ALIKE
+        same = (apart <= DRIFT) | (same & ~_of_one_colour(shown[left]))
         fills[left[same]] = np.clip(fill, 0.0, 255.0)
         left = left[~same]
     return fills
+
+
+def _of_one_colour(shown: np.ndarray) -> np.ndarray:
+    """Return (n,) bool: colours (n, 3) in levels that three or more have, to a level, and most of about that colour."""
+    colours, index, counts = np.unique(np.rint(shown), axis=0, return_inverse=True, return_counts=True)
+    near = [np.abs(colours - colour).max(axis=1) for colour in colours]
+    same, about = (np.array([counts[each <= reach].sum() for each in near]) for reach in (1.0, 2.0 * DRIFT))
+    return ((same > 2) & (same > 0.5 * about))[index.reshape(-1)]
 
 
 def _shares(text: _Parts, fills: np.ndarray, order: float, size: tuple[int, int]) -> np.ndarray:

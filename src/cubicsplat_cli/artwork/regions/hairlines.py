@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import ALIKE, CONTACT, LONG, MOST_SMALL, OPAQUE, SEEN
+from cubicsplat_cli.artwork.regions.fills import ALIKE, CONTACT, LONG, MOST_SMALL, OPAQUE, SAME, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
 
@@ -47,7 +47,7 @@ def missing_fills(
         near = ndimage.maximum_filter(shown, 2 * WINDOW + 1)[place] > 0
         at = np.flatnonzero(left & near)
         left[at[blend_with(values[at], fill, beside[at], beside[at])[1] <= close]] = False
-        left[own] = False
+        left[np.abs(values - fill).max(axis=1) <= max(step, SAME)] = False
     return np.array(found).reshape(-1, 4)
 
 

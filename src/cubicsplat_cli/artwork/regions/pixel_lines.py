@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import ALIKE, LONG, MOST_SMALL, OPAQUE, PURE, SEEN, TOGETHER, has_square
+from cubicsplat_cli.artwork.regions.fills import ALIKE, LONG, MOST_SMALL, OPAQUE, PURE, SAME, SEEN, TOGETHER, has_square
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, components, nearest_fills, seam_shares, steps
@@ -46,16 +46,17 @@ class _LineRuns:
 
 def with_pixel_lines(
     levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, most: int | None
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The palette (P, 4) of a picture (H, W, 4) in levels with the fills of its pixel lines, at most `most` fills in
-    all, and the fill of every pixel that is one, (H, W) int32, -1 of others, with those of the pixel lines.
+    all; the fill of every pixel that is one, (H, W) int32, -1 of others, with those of the pixel lines; and (H, W)
+    bool, the pixels of these lines.
     """
     found = _runs(levels)
     # What blends the two sides may be an edge between them.
     told = largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) >= SEEN
     grounds = np.maximum(*(nearest_fills(each, palette)[1] for each in (found.before, found.behind)))
-    found = found.where(told & (grounds <= PURE))
-    out, fills = pure.copy(), palette
+    found = found.where(told & (grounds <= SAME))
+    out, fills, lined = pure.copy(), palette, np.zeros(pure.shape, dtype=bool)
     for colour in _colours(found, _doubtful(found, palette, pure)):
         gaps = largest(np.abs(fills - colour))
         if gaps.min() > ALIKE:
@@ -66,8 +67,10 @@ def with_pixel_lines(
         on = np.zeros(out.shape, dtype=bool)
         for y, x, length, upright in zip(own.y, own.x, own.length, own.upright, strict=True):
             on[(slice(y, y + length), x) if upright else (y, slice(x, x + length))] = True
-        out[(on | _corners(on, levels, pure, own)) & (pure < 0)] = gaps.argmin()
-    return fills, out
+        on |= _corners(on, levels, pure, own) & (pure < 0)
+        out[on & (pure < 0)] = gaps.argmin()
+        lined |= on
+    return fills, out, lined
 
 
 def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRuns) -> np.ndarray:

@@ -9,7 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import APART, BLEND, CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
+from cubicsplat_cli.artwork.regions.fills import (
+    APART,
+    BLEND,
+    CLEAR,
+    CONTACT,
+    MOST_PALETTE,
+    PURE,
+    SAME,
+    flat_pixels,
+    has_square,
+)
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
     MOST_RESIDUAL,
@@ -126,9 +136,10 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     levels, palette = picture.levels, picture.palette
     assert palette is not None
     if picture.labels is None:
-        palette, pure = with_pixel_lines(levels, *_with_fills_of_lines(levels, palette, most), most)
+        palette, pure, lined = with_pixel_lines(levels, *_with_fills_of_lines(levels, palette, most), most)
         fills = _blends_shared_out(levels, palette, pure, picture.standing)
-        fills = with_lines(levels, palette, fills, STRANGE, LESS, picture.standing)
+        lined &= (without(palette, picture.standing) == palette).all(axis=1)[fills]
+        fills = np.where(lined, fills, with_lines(levels, palette, fills, STRANGE, LESS, picture.standing))
     else:
         fills = picture.labels
         pure = np.where(off_palette(levels, palette, fills) <= PURE, fills, -1)
@@ -169,7 +180,7 @@ def _pure_fills(levels: np.ndarray, palette: np.ndarray, flat: np.ndarray) -> np
     flat: (H, W) bool, pixels amid a square of one colour.
     """
     nearest, gap = nearest_fills(levels, palette)
-    pure = np.where(gap <= PURE, nearest, -1).astype(np.int32)
+    pure = np.where(gap <= np.where(flat, SAME, PURE), nearest, -1).astype(np.int32)
     # Whole components count that somewhere are flat or two pixels thick; thin ones are often edges between others.
     parts, count = components(pure)
     good = np.zeros(count, dtype=bool)
@@ -179,9 +190,21 @@ def _pure_fills(levels: np.ndarray, palette: np.ndarray, flat: np.ndarray) -> np
     y, x = np.nonzero(settled != pure)
     near = near_fills(settled, y, x, REACH)
     real = best_blend(levels[y, x], palette, near)[1] > BLEND
+    real &= (np.bincount(parts.ravel())[parts[y, x]] >= CONTACT) | ~_blends_with_any(
+        levels[y, x], palette, pure[y, x], near
+    )
     real[real] = ~_on_a_slope(levels, palette, y[real], x[real], near[real])
     settled[y[real], x[real]] = pure[y[real], x[real]]
     return settled
+
+
+def _blends_with_any(levels: np.ndarray, palette: np.ndarray, own: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(n,) bool: pixels (n, 4) that are a fill, own (n,), but also a blend of another with the nearest, near (n, k)."""
+    out, ground = np.zeros(len(levels), dtype=bool), palette[near[:, 0]]
+    for fill in palette[:MOST_SEEN]:
+        rest = blend_of(levels, ground, fill)[1]
+        out |= (largest(np.abs(rest)) <= PURE) & (largest(np.abs(levels - fill)) > BLEND)
+    return out & (near[:, 0] >= 0) & (near != own[:, None]).all(axis=1)
 
 
 def _on_a_slope(levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray) -> np.ndarray:

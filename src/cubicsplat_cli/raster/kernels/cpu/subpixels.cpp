@@ -196,7 +196,8 @@ void with_few_fills(const std::vector<int64_t>& part, const float* values, int64
       for (size_t n = 0; n < part.size() && excess < least; n++) {
         trial[n] = found[n];
         for (const int32_t other : chosen) {
-          const Pair pair = blend_pair(colour(values + 4 * part[n]), palette, other, fill);
+          Pair pair = blend_pair(colour(values + 4 * part[n]), palette, other, fill);
+          if (!votes[fill]) pair.off += farther;
           if (pair.off < trial[n].off) trial[n] = pair;
         }
         const double worse = std::max(trial[n].off - pairs[part[n]].off, 0.0);
