@@ -82,7 +82,7 @@ class Compression:
         """
         channels = levels.shape[2]
         alpha = levels[..., 3:] if channels == 4 else np.full_like(levels[..., :1], 255.0)
-        straight = levels[..., :3] * (255.0 / np.maximum(alpha, 1.0))
+        straight = straight_colours(levels) if channels == 4 else levels
         colours = Image.fromarray(np.clip(np.rint(straight), 0, 255).astype(np.uint8))
         if self.webp:
             if alpha.min() < 254.5:
@@ -93,6 +93,11 @@ class Compression:
         with Image.open(io.BytesIO(data)) as read:
             decoded = np.asarray(read.convert("RGB"), dtype=np.float32)
         return np.concatenate([decoded * (alpha / np.float32(255.0)), alpha], axis=2, dtype=np.float32)[..., :channels]
+
+
+def straight_colours(levels: np.ndarray) -> np.ndarray:
+    """Return the straight colours (H, W, 3) of premultiplied levels (H, W, 4) in 0..255."""
+    return np.asarray(levels[..., :3] * (255.0 / np.maximum(levels[..., 3:], 1.0)))
 
 
 def compression_of(image: Image.Image, data: bytes) -> Compression | None:

@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, 
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.vectorize import draw_flat
 from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
+from cubicsplat_cli.files.decode import straight_colours
 from cubicsplat_cli.files.load import resampled
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.pipeline.artwork import result_of_drawing
@@ -72,7 +73,7 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     if rough[visible].mean() > MOST_ROUGH:
         return None
     off = np.zeros(labels.shape)
-    straight = ndimage.uniform_filter(_straight(levels), (EVEN, EVEN, 1))  # without grain, which is no shading
+    straight = ndimage.uniform_filter(straight_colours(levels), (EVEN, EVEN, 1))  # without grain, which is no shading
     for number in range(count):
         own = visible & (labels == number)
         if own.any():
@@ -123,7 +124,7 @@ def shade_objects(objects: Objects, settings: FitSettings, most: float = math.in
     """Draw objects with shading, with at most `most` curves each; some have none if the current work is stopped."""
     levels, labels = objects
     outlined = draw_flat(silhouettes(levels, labels))
-    straight, shares, shapes = _straight(levels), shown(outlined), list[Shape]()
+    straight, shares, shapes = straight_colours(levels), shown(outlined), list[Shape]()
     for shape, share in zip(outlined.shapes, shares, strict=True):
         fill, gradient = _paint_of(straight, share >= min(FULL, float(share.max())))
         shapes.append(replace(shape.filled(fill, outlined.width, outlined.height), gradient=gradient))
@@ -184,11 +185,6 @@ def _paint_of(straight: np.ndarray, where: np.ndarray) -> tuple[Rgba, Gradient |
     """Return the paint of the pixels `where`, (H, W) bool, of a picture (H, W, 3); see `base_paint`."""
     y, x = np.nonzero(where)
     return base_paint(straight[y, x], x, y)
-
-
-def _straight(levels: np.ndarray) -> np.ndarray:
-    """Return the straight colours (H, W, 3) of premultiplied levels (H, W, 4)."""
-    return np.asarray(levels[..., :3] * (255.0 / np.maximum(levels[..., 3:], 1.0)))
 
 
 def _painted(fill: Rgba, gradient: Gradient | None, shape: tuple[int, ...]) -> np.ndarray:
