@@ -254,10 +254,21 @@ def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, made):
     assert any(progress.stage == "finding regions" for progress in told) == doubtful
 
 
+@pytest.mark.parametrize(("off", "finished"), [((0.4, 0.9), True), ((0.4, 0.45), False)])
+def test_a_doubtful_sketch_of_more_bytes_than_a_photo_must_be_nearer_in_its_colours(off, finished, monkeypatch):
+    """Of twice as many bytes, by a quarter."""
+    figures = cycle(off)
+    monkeypatch.setattr(choose, "delta_e", lambda *_: next(figures))
+    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.5, 1.5, 0.0))
+    task, told = task_for((128.0 + noise).clip(0, 255).astype(np.uint8), steps=20), list[Progress]()
+    next(candidates(replace(task, on_progress=told.append), replace(MEASURED, doubtful=True)))
+    assert ("regularising" in {progress.stage for progress in told}) == finished
+
+
 def test_a_doubtful_drawing_is_given_up_where_its_sketch_is_no_nearer_than_an_early_look_at_the_photo():
     noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.5, 1.5, 0.0))
     mottled = (128.0 + noise).clip(0, 255).astype(np.uint8)
-    only, told = only_made(task_for(mottled, steps=60), replace(MEASURED, doubtful=True))
+    only, told = only_made(task_for(mottled, steps=300), replace(MEASURED, doubtful=True))
     assert only.style.name == "photo" and is_finished(told)
     stages = {progress.stage for progress in told}
     assert "fitting outlines" in stages and "regularising" not in stages

@@ -60,12 +60,15 @@ class PhotoFit:
         self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
 
+    def early(self) -> tuple[AnyScene | None, bool]:
+        """Fit for a share of the steps, and return the curves; and False if the fit ends before."""
+        goes_on = self._fitting.relax(LOOKS[0][0])
+        return self._fitting.scene(), goes_on
+
     def expected(self) -> float:
         """Fit for a share of the steps, and return the level expected at the end, dB; infinite if it ends before."""
-        task, (share, rise) = self._photo.task, LOOKS[0]
-        if not self._fitting.relax(share):
-            return math.inf
-        return level_db(task, self._fitting.scene(), task.request.settings.finish_samples) + rise
+        task, (scene, goes_on) = self._photo.task, self.early()
+        return level_db(task, scene, task.request.settings.finish_samples) + LOOKS[0][1] if goes_on else math.inf
 
     @cached_property
     def expected_to_be_seen(self) -> float:
