@@ -373,13 +373,13 @@ def photo_is_nearer(
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    all_curves = photo_settings(task).curves
-    curves = min(curves_of_equal_bytes(task, drawing), task.request.settings.curves or USUAL_CURVES)
-    if not quick and curves_of_equal_bytes(task, drawing) < _usual_curves(task):
+    curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
+    if not quick and curves < _usual_curves(task):
         # A quick photo repeats few artefacts of a lossy file.
         off, quick_off = _delta_e(task, drawing), delta_e(task, task.once(quick_photo, all_curves), drawing.samples)
         if off <= quick_off:
             return None
+    curves = min(curves, task.request.settings.curves or USUAL_CURVES)
     if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
         return SHADING
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
