@@ -94,12 +94,12 @@ def test_a_letter_is_of_one_ink_though_a_paler_one_would_explain_some_of_it() ->
     first, second, found = blend_pairs(values, np.zeros(5, int), palette, near, 3.0)
     inks = np.where(first == 0, second, first)
     assert (inks == 1).all() and np.allclose(np.where(first == 0, found, 1.0 - found), share, atol=0.01)
-    # Alone, the value that the pale ink is near to is taken for its.
     # A darker fill that explains a letter as well, but is not near, is none of it.
     grounds = np.array([[217.0] * 3 + [255.0], [17.0] * 3 + [255.0], [62.0] * 3 + [255.0]])
     letter = grounds[0] + np.linspace(0.2, 0.9, 6)[:, None] * (grounds[2] - grounds[0])
     near = np.array([[0, 2, -1, -1]] * 6)
     assert set(np.concatenate(blend_pairs(letter, np.zeros(6, int), grounds, near, 3.0)[:2]).tolist()) == {0, 2}
+    # Alone, the value that the pale ink is near to is taken for its.
     alone = blend_pairs(values[1:2], np.zeros(1, int), palette[[0, 2]], near[1:2, [0, 0, 0, 0]], 3.0)
     assert alone[0].tolist() == [0] and alone[1].tolist() == [1] and alone[2][0] == pytest.approx(1.0)
 

@@ -345,9 +345,10 @@ def _delta_e(task: Task, made: Made) -> float:
 
 
 def _off(task: Task, drawing: Made) -> float:
-    """Return the mean CIEDE2000 of a drawing; one of more bytes than a photo is compared with what a photo of as many
-    would have, so that it counts as farther by the cube root of the ratio. See docs/quality.md: 64 times as many curves
-    come nearer by 11.9 dB.
+    """Return the mean CIEDE2000 of a drawing, comparable with that of a photo.
+
+    A drawing of more bytes than the photo is compared with a photo of as many, whose error is less by the cube root of
+    the ratio: 64 times as many curves gain 11.9 dB (docs/quality.md). So the drawing's counts as larger by that.
     """
     bytes_of_photo = BYTES_PER_CURVE * _usual_curves(task)
     return _delta_e(task, drawing) * max(1.0, len(drawing.write("", "").encode()) / bytes_of_photo) ** (1.0 / 3.0)

@@ -138,9 +138,10 @@ def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
 
 
 def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return (k, 3) levels of the fill of each part: the strongest sample of those that differ from their grounds
-    towards it, but for parts whose own strongest samples have one other colour, to a level, as those of fills have that
-    cover their pixels in part do not.
+    """Return (k, 3) levels of the fill of each part.
+
+    It is the strongest sample of all parts that differ from their grounds towards it. But parts that agree on another
+    strongest sample (`_of_one_colour`) have that one: samples that a fill covers only in part do not agree.
     """
     contrast = totals / np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
     own = contrast[text.own]
