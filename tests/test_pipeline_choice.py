@@ -74,6 +74,12 @@ def strands() -> np.ndarray:
     return np.stack(colours, axis=-1).clip(0, 255).astype(np.uint8)
 
 
+def mottled() -> np.ndarray:
+    """Soft blots of all colours."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.5, 1.5, 0.0))
+    return (128.0 + noise).clip(0, 255).astype(np.uint8)
+
+
 def speckled(levels: float) -> np.ndarray:
     """A rectangle under grey noise of so many levels (standard deviation)."""
     noise = np.random.default_rng(1).normal(0.0, levels, (40, 48, 1))
@@ -259,16 +265,13 @@ def test_a_doubtful_sketch_of_more_bytes_than_a_photo_must_be_nearer_in_its_colo
     """Of twice as many bytes, by a quarter."""
     figures = cycle(off)
     monkeypatch.setattr(choose, "delta_e", lambda *_: next(figures))
-    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.5, 1.5, 0.0))
-    task, told = task_for((128.0 + noise).clip(0, 255).astype(np.uint8), steps=20), list[Progress]()
+    task, told = task_for(mottled(), steps=20), list[Progress]()
     next(candidates(replace(task, on_progress=told.append), replace(MEASURED, doubtful=True)))
     assert ("regularising" in {progress.stage for progress in told}) == finished
 
 
 def test_a_doubtful_drawing_is_given_up_where_its_sketch_is_no_nearer_than_an_early_look_at_the_photo():
-    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.5, 1.5, 0.0))
-    mottled = (128.0 + noise).clip(0, 255).astype(np.uint8)
-    only, told = only_made(task_for(mottled, steps=300), replace(MEASURED, doubtful=True))
+    only, told = only_made(task_for(mottled(), steps=300), replace(MEASURED, doubtful=True))
     assert only.style.name == "photo" and is_finished(told)
     stages = {progress.stage for progress in told}
     assert "fitting outlines" in stages and "regularising" not in stages
@@ -416,7 +419,7 @@ def test_soft_shading_of_few_pixels_is_nearer_as_a_photo():
 
 @pytest.mark.parametrize(("off", "style"), [((0.4, 0.5), "artwork"), ((0.5, 0.4), "photo")])
 def test_a_photo_must_be_nearer_in_its_colours_too(off, style, monkeypatch):
-    figures = cycle(off)
+    figures = iter(2 * off)  # beside a quick photo, and the finished one
     monkeypatch.setattr(choose, "delta_e", lambda *_: next(figures))
     *_, made = candidates(task_for(soft_ball(), curves=48, steps=60), FLAT)
     assert made.style.name == style

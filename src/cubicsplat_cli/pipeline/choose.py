@@ -36,7 +36,6 @@ from cubicsplat_cli.pipeline.photo import (
 )
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 from cubicsplat_cli.scene import LayeredScene
-from cubicsplat_cli.settings import USUAL_CURVES
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
@@ -380,7 +379,7 @@ def photo_is_nearer(
         off, quick_off = _delta_e(task, drawing), delta_e(task, task.once(quick_photo, all_curves), drawing.samples)
         if off <= quick_off:
             return None
-    curves = min(curves, task.request.settings.curves or USUAL_CURVES)
+    curves = min(curves, task.request.settings.curves or curves)
     if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
         return SHADING
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:

@@ -153,6 +153,8 @@ def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     grounds[chosen], peaks[chosen] = text.ground[strongest[chosen]], strength[strongest[chosen]]
     shown = grounds + peaks[:, None] * contrast
     fills, left = np.zeros(totals.shape), np.flatnonzero(chosen)
+    agreed = np.zeros(len(totals), dtype=bool)
+    agreed[left] = _of_one_colour(shown[left])
     while len(left):
         best = left[np.argmax(peaks[left])]
         apart = np.abs(shown[left] - shown[best]).max(axis=1)
@@ -160,7 +162,7 @@ def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         towards = fill - grounds[left]
         towards /= np.maximum(np.abs(towards).max(axis=1, keepdims=True), 1e-9)
         same = np.abs(contrast[left] - towards).max(axis=1) <= ALIKE
-        same = (apart <= DRIFT) | (same & ~_of_one_colour(shown[left]))
+        same = (apart <= DRIFT) | (same & ~agreed[left])
         fills[left[same]] = np.clip(fill, 0.0, 255.0)
         left = left[~same]
     return fills

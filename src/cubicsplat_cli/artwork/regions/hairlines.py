@@ -89,10 +89,14 @@ def _ridge(shares: np.ndarray, place: Place) -> np.ndarray:
     return out
 
 
+def stands(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
+    """Return (P,) bool: the fills of a palette (P, 4) that are placeholders for gradients, (G, 4)."""
+    return np.asarray((np.abs(palette[:, None] - standing) < ALIKE).all(axis=2).any(axis=1))
+
+
 def without(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
     """Return a palette (P, 4) with its placeholders for gradients, (G, 4), moved far from all colours."""
-    stands = (np.abs(palette[:, None] - standing) < ALIKE).all(axis=2).any(axis=1)
-    return np.where(stands[:, None], NOWHERE, palette)
+    return np.where(stands(palette, standing)[:, None], NOWHERE, palette)
 
 
 def with_lines(

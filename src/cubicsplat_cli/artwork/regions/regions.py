@@ -27,6 +27,7 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     NONE,
     missing_fills,
     nearest_line_fills,
+    stands,
     with_lines,
     without,
 )
@@ -138,7 +139,7 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     if picture.labels is None:
         palette, pure, lined = with_pixel_lines(levels, *_with_fills_of_lines(levels, palette, most), most)
         fills = _blends_shared_out(levels, palette, pure, picture.standing)
-        lined &= (without(palette, picture.standing) == palette).all(axis=1)[fills]
+        lined &= ~stands(palette, picture.standing)[fills]
         fills = np.where(lined, fills, with_lines(levels, palette, fills, STRANGE, LESS, picture.standing))
     else:
         fills = picture.labels
@@ -190,9 +191,9 @@ def _pure_fills(levels: np.ndarray, palette: np.ndarray, flat: np.ndarray) -> np
     y, x = np.nonzero(settled != pure)
     near = near_fills(settled, y, x, REACH)
     real = best_blend(levels[y, x], palette, near)[1] > BLEND
-    real &= (np.bincount(parts.ravel())[parts[y, x]] >= CONTACT) | ~_blends_with_any(
-        levels[y, x], palette, pure[y, x], near
-    )
+    short = np.flatnonzero(real & (np.bincount(parts.ravel())[parts[y, x]] < CONTACT))
+    place = y[short], x[short]
+    real[short] = ~_blends_with_any(levels[place], palette, pure[place], near[short])
     real[real] = ~_on_a_slope(levels, palette, y[real], x[real], near[real])
     settled[y[real], x[real]] = pure[y[real], x[real]]
     return settled
