@@ -113,6 +113,15 @@ def test_what_falls_to_pieces_is_not_traced_finer() -> None:
     assert in_steps(levels, fills, STEPS, 1.0, 10_000).labels.shape == (20 * STEPS, 20 * STEPS)
 
 
+def test_specks_below_half_a_pixel_are_no_pieces() -> None:
+    share = np.zeros((20, 20))
+    share[8:12, 8:12], share[1::5, 1::4] = 1.0, 0.25
+    levels = (np.array(PAPER) + share[..., None] * np.subtract(INK, PAPER)).astype(np.float32)
+    fills = pixel_fills(FlatPicture(levels, np.array([PAPER, INK])))
+    assert in_steps(levels, fills, STEPS, 1.0, 2) is not None
+    assert in_steps(levels, fills, STEPS, 1.0, 1) is None
+
+
 @pytest.mark.slow
 def test_what_has_more_regions_than_are_drawn_is_not_traced_finer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cubicsplat_cli.artwork.traced.MOST_REGIONS", 30)

@@ -130,7 +130,7 @@ def steps_of(height: int, width: int) -> int:
 
 def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, most: int) -> FlatPicture | None:
     """Return a picture (H, W, 4) in levels with so many steps a pixel each way, each in one fill or on an edge; None if
-    it has more than `most` regions. error: of its pixels, in levels.
+    it has more than `most` regions, specks aside. error: of its pixels, in levels.
     """
     first = np.maximum(fills.pure, 0)
     second, share = first.copy(), np.zeros(first.shape, np.float32)
@@ -145,7 +145,8 @@ def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, mo
     pairs = blend_pairs(levels[y, x], parts[y, x], fills.palette, near, OUTLIER * error)
     first[y, x], second[y, x], share[y, x] = pairs
     labels, finer = finer_labels(first, second, share, fills.palette, steps)
-    return FlatPicture(finer, fills.palette, labels) if components(labels)[1] <= most else None
+    large = np.bincount(components(labels)[0].ravel()) >= LEAST_AREA * steps**2
+    return FlatPicture(finer, fills.palette, labels) if large.sum() <= most else None
 
 
 def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
