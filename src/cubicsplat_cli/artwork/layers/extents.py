@@ -164,7 +164,7 @@ class Window:
         off[reached] = np.where(own, ~may, off[reached])
         both = zip(self.box, reached, strict=True)
         rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
-        y, x = np.nonzero(off[rows, columns])
+        y, x = np.divmod(np.flatnonzero(off[rows, columns]), columns.stop - columns.start)  # faster than `nonzero`
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
         # Points beyond the window, though on the canvas.
         low = np.array([self.extent.left, self.extent.top])
