@@ -24,7 +24,7 @@ SEEN_SIGMA, HIDDEN_SIGMA = FEW_SAMPLES, 1.0
 HOPEFUL = 0.5  # of the cost before it is settled, that counts against a merge when runs are chosen
 MOST_TURN = float(np.cos(np.radians(100.0)))  # cosine of the angle by which a run turns from start to end
 FEW = 24  # points of a piece suffice
-MOST_TRIALS = 4  # of merges, and of parts of those that are refused together
+MOST_TRIALS = 8  # of merges, and of parts of those that are refused together
 FEWEST_PIECES = 3  # of a ring that is left
 
 
@@ -45,13 +45,12 @@ class Merge:
         return np.asarray((self.first + np.arange(self.count)) % pieces)
 
 
-def with_merges(state: State, constraints: Constraints, detail: float, which: np.ndarray | None = None) -> State:
+def with_merges(state: State, constraints: Constraints, detail: float) -> State:
     """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
 
-    detail as in ArtworkSettings; which: (outlines,) bool, those that are looked at, by default all. Where all merges of
-    an outline together make it worse parts of them are tried.
+    detail as in ArtworkSettings. Where all merges of an outline together make it worse parts of them are tried.
     """
-    rings = [o.outline() if which is None or which[k] else None for k, o in enumerate(state.outlines)]
+    rings = [o.outline() for o in state.outlines]
     plans = [
         _plan(ring, Visibility.of(state, k), constraints, detail) if isinstance(ring, Ring) else []
         for k, ring in enumerate(rings)
@@ -69,6 +68,8 @@ def with_merges(state: State, constraints: Constraints, detail: float, which: np
                 parts.clear()
             elif half:
                 parts += [plan[half:], plan[:half]]
+            elif plan and not refused.all():  # others, which have changed, may have spoilt it
+                parts.append(plan)
         state = after
     return state
 

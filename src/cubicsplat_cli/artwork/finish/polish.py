@@ -96,14 +96,11 @@ def polish_closer(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
     return drawing
 
 
-def _repeated(change: Callable[..., State], state: State, passes: int) -> State:
-    """The state after some passes, each over the outlines to which the one before gave more or fewer parameters."""
-    which = None
+def _repeated(change: Callable[[State], State], state: State, passes: int) -> State:
+    """The state after some passes, until one changes nothing."""
     for _ in range(passes):
-        before, state = state, change(state, which=which)
-        pairs = zip(before.outlines, state.outlines, strict=True)
-        which = np.array([a is not b and a.outline().parameters != b.outline().parameters for a, b in pairs])
-        if not which.any():
+        before, state = state, change(state)
+        if state is before:
             break
     return state
 
@@ -139,14 +136,10 @@ class Complaints:
         return cls(np.maximum(0.5 * excess, 0.0), *(part / np.maximum(total, LEAST) for part in sums))
 
 
-def with_moves(state: State, constraints: Constraints, detail: float, which: np.ndarray | None = None) -> State:
-    """Return the state with outlines that have a piece more wherever the pixels ask for one and it pays. which as in
-    `with_merges`.
-    """
+def with_moves(state: State, constraints: Constraints, detail: float) -> State:
+    """Return the state with outlines that have a piece more wherever the pixels ask for one and it pays."""
     complaints, better = Complaints.of(state), dict[int, Parameters]()
     for k, parameters in enumerate(state.outlines):
-        if which is not None and not which[k]:
-            continue
         first, outline = int(state.pieces[k]), parameters.outline()
         chi = detail * complaints.chi[first : state.pieces[k + 1]]
         edited = outline
