@@ -271,3 +271,17 @@ def test_a_gap_of_few_px_is_not_closed_from_its_two_sides(width):
     # Around a part there is a px of tolerance.
     wide = Window.of(Extent(0, 0, whole, whole, np.zeros_like(whole), ()), (30, 30))
     assert len(wide.wrong(Rectangle(1.0, 9.0, 28.0, 12.0))) == 0
+
+
+def test_a_hole_does_not_reach_into_another_one():
+    shown, cover = np.zeros((40, 60), dtype=bool), np.zeros((40, 60), dtype=bool)
+    shown[5:35, 5:55] = True
+    cover[10:30, 28:32] = True  # lies above the bar between the two holes
+    left, right = ((slice(10, 30), slice(*x)) for x in ((10, 28), (32, 50)))
+    shown[left] = shown[right] = False
+    corners = np.array([[10, 10], [28, 10], [28, 30], [10, 30]], dtype=float)
+    contour = Contour(corners, np.array([0.1, np.inf, np.inf, 0.1]), True)
+    extent = Extent(0, 0, shown & ~cover, shown, holes_of(shown), (contour,))
+    window = Window.of(extent, (40, 60)).hole(contour)
+    assert len(window.wrong(Rectangle(10.0, 10.0, 20.0, 20.0))) == 0  # beneath the cover
+    assert len(window.wrong(Rectangle(10.0, 10.0, 30.0, 20.0))) > 100

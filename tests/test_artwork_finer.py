@@ -32,6 +32,16 @@ def test_small_text_stays_text(paper: int, ink: int) -> None:
     assert made.report.quality.svg.psnr_db > 33.0
 
 
+def test_text_is_traced_finer_for_what_its_outlines_will_cost() -> None:
+    """Not for all their pieces, of which merges leave three of four: 32 dB as fragments."""
+    image = Image.new("L", (8 * 150, 8 * 34), 255)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(8 * 5)
+    pen.text((8 * 4, 8 * 3), "the quick brown fox", 60, font=font)
+    pen.text((8 * 5, 8 * 18), "jumps over seven dogs", 60, font=font)
+    small = np.asarray(image.resize((150, 34), Image.Resampling.LANCZOS).convert("RGB"))
+    assert vectorize(small, style="artwork", threads=1).report.quality.svg.psnr_db > 40.0
+
+
 def field(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The labels and levels in steps of a picture of ink on paper, of which the ink has shares (H, W)."""
     first = np.zeros(share.shape, np.int32)

@@ -36,8 +36,8 @@ from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_la
 
 # The misfit of a pixel whose outline must be wrong; the share of blends with it in letters and thin lines, which larger
 # shapes never reach; how many times the regions a finer picture may have before it falls to pieces; the px^2 of its
-# least region, half a pixel.
-FAR_OFF, LETTERS, MORE, LEAST_AREA = 0.3**2, 0.05, 4, 0.5
+# least region, half a pixel; the share of its parameters that merges leave, two thirds to four fifths.
+FAR_OFF, LETTERS, MORE, LEAST_AREA, MERGED = 0.3**2, 0.05, 4, 0.5, 0.75
 # Steps a pixel each way: hardly any program takes more samples. There are fewer if all would be more than MOST_STEPS,
 # for their memory.
 STEPS, MOST_STEPS = 4, 10_000_000
@@ -119,7 +119,7 @@ def or_finer(
     # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
     chance = state.chance(slice(None))
     falls = 0.5 * settings.detail * (state.stack.cost - nearer.stack.cost) * len(chance)
-    longer = PRICE * (length(other) - length(drawing))
+    longer = PRICE * (MERGED * length(other) - length(drawing))
     return (other, nearer) if falls > longer * float(chance.sum()) else (drawing, state)
 
 

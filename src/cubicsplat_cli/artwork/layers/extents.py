@@ -130,6 +130,11 @@ class Window:
         return ndimage.binary_dilation(self.extent.allowed, ndimage.SQUARE) & ~self.must
 
     @cached_property
+    def lower(self) -> np.ndarray:
+        """(h, w) bool: pixels that lower layers show, one px of tolerance taken off."""
+        return ndimage.binary_erosion(~self.extent.allowed, ndimage.SQUARE)
+
+    @cached_property
     def hidden(self) -> np.ndarray:
         """(h, w) bool: pixels that upper layers hide."""
         return self.extent.allowed & ~self.extent.shown
@@ -151,7 +156,10 @@ class Window:
         """The same of a contour of a hole of the extent."""
         box, free = enclosed(polygon(contour.points), self.extent)
         must = ndimage.binary_erosion(free & ~self.extent.allowed[box], ndimage.SQUARE)
-        return replace(self, must=must, box=box, outer=self.must)
+        # Where two holes overlapped the shape would show.
+        may = self.may & ~self.lower
+        may[box] |= self.may[box] & free
+        return replace(self, must=must, may=may, box=box, outer=self.must)
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
