@@ -44,8 +44,8 @@ LEFT = 0.5  # share of the squared error that shapes may leave which explain it 
 def with_added(
     drawing: Drawing, goal: Goal, condition: Condition, detail: float, min_area: float = 0.0, most: int | None = None
 ) -> Drawing:
-    """The drawing with shapes where it does not explain its goal, a picture in some condition, and of a damaged one
-    without those that explain less than they cost; the same where that needs none.
+    """The drawing with shapes where it does not explain its goal, a picture in some condition, and without those that
+    explain less than they cost.
 
     detail as in ArtworkSettings. min_area: px^2 that a shape has at least; most: shapes of the drawing, None for any.
     """
@@ -64,10 +64,13 @@ def with_added(
     left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
     if left:
         log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
-    if condition.clean:
+    # Without anti-aliasing, a dot of one pixel may be meant.
+    if condition.aliased:
         return trials.drawing
-    # Of what is damaged, noise makes specks that pay for themselves no more.
-    kept = without_shapes(State(trials.still, tolerant(goal)), detail, {})
+    # Since neighbours have moved, and noise makes specks, not every shape pays for itself.
+    kept = without_shapes(State(trials.still, goal if condition.clean else tolerant(goal)), detail, {})
+    if len(kept.layers) == len(trials.still):
+        return trials.drawing
     return replace(trials.drawing, shapes=tuple(layer.shape for layer in kept.layers))
 
 
