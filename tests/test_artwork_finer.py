@@ -16,13 +16,14 @@ from cubicsplat_cli.raster.unmix import blend_pairs, finer_labels
 PAPER, INK, PALE = (255.0, 255.0, 255.0, 255.0), (20.0, 30.0, 40.0, 255.0), (137.5, 142.5, 147.5, 255.0)
 
 
-def page(paper: int, ink: int) -> np.ndarray:
-    """(34, 150, 3) uint8 two lines of small text."""
-    image = Image.new("L", (150, 34), paper)
-    pen, font = ImageDraw.Draw(image), ImageFont.load_default(11)
-    pen.text((4, 3), "the quick brown fox", ink, font=font)
-    pen.text((5, 18), "jumps over seven dogs", ink, font=font)
-    return np.repeat(np.asarray(image)[..., None], 3, axis=2)
+def page(paper: int, ink: int, size: int = 11, times: int = 1) -> np.ndarray:
+    """(34, 150, 3) uint8 two lines of small text, size px high, drawn so many times as large and reduced."""
+    image = Image.new("L", (times * 150, times * 34), paper)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(times * size)
+    pen.text((times * 4, times * 3), "the quick brown fox", ink, font=font)
+    pen.text((times * 5, times * 18), "jumps over seven dogs", ink, font=font)
+    small = image.resize((150, 34), Image.Resampling.LANCZOS)
+    return np.repeat(np.asarray(small)[..., None], 3, axis=2)
 
 
 @pytest.mark.parametrize(("paper", "ink"), rest_slow((30, 220), (255, 20)))
@@ -34,12 +35,8 @@ def test_small_text_stays_text(paper: int, ink: int) -> None:
 
 def test_text_is_traced_finer_for_what_its_outlines_will_cost() -> None:
     """Not for all their pieces, of which merges leave three of four: 32 dB as fragments."""
-    image = Image.new("L", (8 * 150, 8 * 34), 255)
-    pen, font = ImageDraw.Draw(image), ImageFont.load_default(8 * 5)
-    pen.text((8 * 4, 8 * 3), "the quick brown fox", 60, font=font)
-    pen.text((8 * 5, 8 * 18), "jumps over seven dogs", 60, font=font)
-    small = np.asarray(image.resize((150, 34), Image.Resampling.LANCZOS).convert("RGB"))
-    assert vectorize(small, style="artwork", threads=1).report.quality.svg.psnr_db > 40.0
+    made = vectorize(page(255, 60, size=5, times=8), style="artwork", threads=1)
+    assert made.report.quality.svg.psnr_db > 40.0
 
 
 def field(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -68,7 +68,8 @@ def with_added(
     if condition.aliased:
         return trials.drawing
     # Since neighbours have moved, and noise makes specks, not every shape pays for itself.
-    kept = without_shapes(State(trials.still, goal if condition.clean else tolerant(goal)), detail, {})
+    state = trials.before if condition.clean else State(trials.still, tolerant(goal))
+    kept = without_shapes(state, detail, {})
     if len(kept.layers) == len(trials.still):
         return trials.drawing
     return replace(trials.drawing, shapes=tuple(layer.shape for layer in kept.layers))

@@ -100,15 +100,14 @@ def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarra
 class Window:
     """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
     shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
-    lies outside of the outer one. must: of a box, rows and columns, beyond which there is nothing that it must. may:
-    all that it may, but for what the outer one must, where it is of a hole."""
+    lies outside of the outer one or in other holes. must: of a box, rows and columns, beyond which there is nothing
+    that it must. may: (h, w) of the whole extent."""
 
     extent: Extent
     must: np.ndarray
     may: np.ndarray
     canvas: tuple[int, int]
     box: tuple[slice, slice]
-    outer: np.ndarray | None = None
 
     @classmethod
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> Window:
@@ -130,9 +129,10 @@ class Window:
         return ndimage.binary_dilation(self.extent.allowed, ndimage.SQUARE) & ~self.must
 
     @cached_property
-    def lower(self) -> np.ndarray:
-        """(h, w) bool: pixels that lower layers show, one px of tolerance taken off."""
-        return ndimage.binary_erosion(~self.extent.allowed, ndimage.SQUARE)
+    def between(self) -> np.ndarray:
+        """(h, w) bool: pixels that any hole within the outer outline may enclose: where two overlapped, the shape would
+        show."""
+        return self.may & ~(self.must | ndimage.binary_erosion(~self.extent.allowed, ndimage.SQUARE))
 
     @cached_property
     def hidden(self) -> np.ndarray:
@@ -156,20 +156,18 @@ class Window:
         """The same of a contour of a hole of the extent."""
         box, free = enclosed(polygon(contour.points), self.extent)
         must = ndimage.binary_erosion(free & ~self.extent.allowed[box], ndimage.SQUARE)
-        # Where two holes overlapped the shape would show.
-        may = self.may & ~self.lower
-        may[box] |= self.may[box] & free
-        return replace(self, must=must, may=may, box=box, outer=self.must)
+        may = self.between.copy()
+        may[box] |= free & self.may[box] & ~self.must[box]
+        return replace(self, must=must, may=may, box=box)
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring = outline.ring()
         points = dense(flattened(ring, 1.0), 1.0)
         reached, own = enclosed(ring, self.extent)
-        may = self.may[reached] if self.outer is None else self.may[reached] & ~self.outer[reached]
         off = np.zeros(self.may.shape, dtype=bool)
         off[self.box] = self.must
-        off[reached] = np.where(own, ~may, off[reached])
+        off[reached] = np.where(own, ~self.may[reached], off[reached])
         both = zip(self.box, reached, strict=True)
         rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
         y, x = np.divmod(np.flatnonzero(off[rows, columns]), columns.stop - columns.start)  # faster than `nonzero`
