@@ -315,6 +315,18 @@ def test_what_a_shadow_of_any_outline_is_made_of():
     assert np.percentile(np.abs(found.levels[..., :3] - plain), 99) <= 8.0
 
 
+@pytest.mark.parametrize("shade", [(4.0, 4.0, 4.0, 0.6), (2.0, 5.0, 4.0, 0.4)])
+def test_a_grey_shadow_on_nothing_is_one_area_on_all_sides_of_its_caster(shade):
+    shape, dark = star(), shadow(star(), *shade)
+    # Programs that cut decimals off premultiplied colours make pale pixels darker.
+    grey = np.floor(120.0 * dark * (1.0 - shape))
+    alpha = np.rint(255.0 * (1.0 - (1.0 - shape) * (1.0 - dark)))
+    levels = np.dstack([shape[..., None] * BLUE + grey[..., None], alpha]).astype(np.float32)
+    (area,) = lifted(levels).areas
+    assert np.abs(area.colour - [120, 120, 120, 255]).max() <= 8.0
+    assert np.abs(area.share - dark)[area.mask].max() <= 0.02
+
+
 @pytest.mark.slow
 def test_a_glow_is_opaque_and_goes_through_holes():
     ring = box(40, 25, 140, 125, 20.0) - box(66, 51, 114, 99, 8.0)

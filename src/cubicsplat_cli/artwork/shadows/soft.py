@@ -50,8 +50,8 @@ class SoftArea(Ground):
 
 @record
 class Line:
-    """Colours from a ground to its shade. off: (H, W, 4) levels of pixels from the ground; way: (4,) levels from there
-    to the shade; error: in levels."""
+    """Colours from a ground to its shade. off: (..., 4) levels of pixels from the ground; way: (4,) from there to the
+    shade; error: in levels."""
 
     off: np.ndarray
     way: np.ndarray
@@ -59,7 +59,7 @@ class Line:
 
     @cached_property
     def shares(self) -> np.ndarray:
-        """(H, W) how far pixels are on the way, 0 to 1."""
+        """(...) how far pixels are on the way, 0 to 1."""
         return self.off @ self.way / max(float(self.way @ self.way), 1e-9)
 
     @property
@@ -68,11 +68,11 @@ class Line:
         return float(np.abs(self.way).max())
 
     def apart(self, shares: np.ndarray) -> np.ndarray:
-        """Return (H, W, 4) levels by which pixels differ from shares (H, W)."""
+        """Return (..., 4) levels by which pixels differ from shares (...)."""
         return self.off - shares[..., None] * self.way
 
     def near(self, shares: np.ndarray) -> np.ndarray:
-        """Return (H, W) bool, true for pixels that have these shares."""
+        """Return (...) bool, true for pixels that have these shares."""
         return largest(np.abs(self.apart(shares))) <= self.error
 
 
@@ -96,14 +96,21 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
             continue
         if _is_sharp(clean, fill, piece) or _is_gradient(part, piece, smooth()):
             continue
-        colour = end_of(fill, direction)
-        same = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= SAME]
+        # The end of its line is uncertain for a pale piece.
+        colour, off = end_of(fill, direction), piece.pixels.values - fill
+        same = [g for g, end in found if (g.fill == fill).all() and _on_line(off, end - fill)]
         if not same:
             same = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
             found.append((same[0], colour))
         same[0].mask[part.rows, part.columns] = True
     areas = (_area(levels, parts, ground, colour) for ground, colour in found)
     return [area for area in areas if area is not None]
+
+
+def _on_line(off: np.ndarray, way: np.ndarray) -> bool:
+    """Return True if nearly all pixels, (n, 4) levels off a ground, are on a way (4,) from there."""
+    line = Line(off, way, ROUNDED)
+    return bool(line.near(line.shares).mean() >= ON_LINE)
 
 
 def _is_sharp(ground: Patch, fill: np.ndarray, piece: Part) -> bool:

@@ -80,8 +80,11 @@ class Divider {
   // The costs of the best line and the best cubic from one node to another, infinite where the misfits alone cost as much
   // as what may be paid.
   Fitted fitted(int64_t first, int64_t last, double most_line, double most_cubic) const {
+    const bool starts = run_.corners && first == 0, stops = run_.corners && last == last_;
+    const double line = price_ * kLineParameters, cubic = price_ * (kCubicParameters + starts - nodes_[last].level);
+    Fitted out{INFINITY, INFINITY, {}};
+    if (!(line < most_line || cubic < most_cubic)) return out;
     Sampled sampled;
-    Fitted out;
     const int64_t nodes[2] = {first, last}, low = rank_[first], count = rank_[last] - low;
     for (int e = 0; e < 2; e++) {
       const Node& node = nodes_[nodes[e]];
@@ -95,9 +98,6 @@ class Divider {
       sampled.x[k] = run_.at[own].x, sampled.y[k] = run_.at[own].y;
       sampled.single[k] = run_.weights[own], sampled.weights[k] = run_.weights[own] * sampled.share;
     }
-    const bool starts = run_.corners && first == 0, stops = run_.corners && last == last_;
-    const double line = price_ * kLineParameters, cubic = price_ * (kCubicParameters + starts - nodes_[last].level);
-    out.line = out.cubic = INFINITY;
     if (line < most_line) {
       const Point way = sampled.ends[1] - sampled.ends[0];
       out.line = 0.5 * sampled.line() + line;
