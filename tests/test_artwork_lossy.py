@@ -149,6 +149,20 @@ def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one
     assert len(draw(lossy(levels, quality=90)[0]).gradients) == 1
 
 
+@pytest.mark.parametrize("quality", [85, 90])
+def test_lines_hardly_wider_than_a_pixel_keep_their_colour(quality):
+    large = Image.new("RGB", (800, 1200), "white")
+    pen = ImageDraw.Draw(large)
+    for k in range(5):
+        y = 80 + 220 * k
+        pen.line([(60, y + 130), (500, y), (60, y - 130)], fill="#70ad47" if k < 2 else "#7f7f7f", width=5)
+        pen.rectangle([600, y, 720, y + 40], fill="black")
+        for below in (60, 100):
+            pen.line([(560, y + below), (780, y + below)], fill="black", width=8)
+    made = draw(lossy(large.resize((200, 300), Image.Resampling.BOX), quality=quality)[0])
+    assert np.abs(np.array(made.fills)[:, :3] - (0x70, 0xAD, 0x47)).max(axis=1).min() <= 16
+
+
 @pytest.mark.parametrize("blur", rest_slow(1.2, 2.0))
 def test_a_blurred_jpeg_has_the_shapes_of_the_sharp_picture(blur):
     """What a blur makes of pixels beside edges is no fill."""

@@ -216,11 +216,14 @@ def rounded_as_jpegs(palette: np.ndarray) -> np.ndarray:
     return np.where(palette <= 3.0, 0.0, np.where(palette >= 252.0, 255.0, np.where(same, short, palette)))
 
 
-def _borders(labels: np.ndarray) -> int:
-    """Count the pairs of neighbours in a map (H, W), also across corners, that differ."""
-    ahead = (labels[1:], labels[:, 1:], labels[1:, 1:], labels[1:, :-1])
-    behind = (labels[:-1], labels[:, :-1], labels[:-1, :-1], labels[:-1, 1:])
-    return sum(int((one != other).sum()) for one, other in zip(ahead, behind, strict=True))
+def _borders(labels: np.ndarray) -> float:
+    """Return the number of pairs of neighbours in a map (H, W) that differ. Pairs across corners count 1 / sqrt(2), so
+    that borders count alike in all directions (Boykov and Kolmogorov 2003, "Computing geodesics via graph cuts").
+    """
+    beside = (labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])
+    across = (labels[1:, 1:], labels[:-1, :-1]), (labels[1:, :-1], labels[:-1, 1:])
+    straight, diagonal = (sum(int((one != other).sum()) for one, other in pairs) for pairs in (beside, across))
+    return straight + math.sqrt(0.5) * diagonal
 
 
 def _shows_inside(labels: np.ndarray, count: int) -> np.ndarray:
