@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.input.evenness import SAVED, SMALL, TILE, contrasts
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, OPAQUE, flat_pixels
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import bends_and_steps
+from cubicsplat_cli.raster.shades import bends_and_steps, part_spreads
 from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
@@ -128,7 +128,10 @@ def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _even_areas(levels: np.ndarray) -> np.ndarray:
     """Return (H, W) int32 numbers of connected areas in one colour or linear gradient, TILE^2 px and more; else 0."""
     areas, count = ndimage.large_parts(flat_pixels(levels), TILE**2)
-    return ndimage.renumbered(areas, np.append(False, _off_planes(levels, areas, count) <= GRAIN))[0]
+    _, _, spreads = part_spreads(with_channels(levels, 4, 255.0), areas, count)
+    even = spreads <= 2.0 * GRAIN  # surely, since half of the range is the most that a mean leaves
+    even[~even] = _off_planes(levels, *ndimage.renumbered(areas, np.append(False, ~even))) <= GRAIN
+    return ndimage.renumbered(areas, np.append(False, even))[0]
 
 
 def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:
