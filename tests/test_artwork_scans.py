@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from conftest import rest_slow
+from PIL import Image, ImageDraw
 from scans import PAPER, scaled_pens, target_of
 from scans import scan_of as scan
 from scipy import ndimage
@@ -125,6 +126,20 @@ def test_a_dark_corner_of_a_rough_surface_is_a_shadow_and_no_ink():
     y, x = np.mgrid[:256, :320] / 320.0
     grey = 205.0 + 20.0 * x + 9.0 * streaks / streaks.std() - 190.0 * np.exp(-(x**2 + y**2) / 0.004)
     assert scan_of(as_levels(target_of(np.clip(np.rint(grey), 0, 255)[..., None].repeat(3, axis=2)))) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_texture_of_all_tones_on_a_light_ground_is_no_ink(seed):
+    """Frost and plaster have a few dark places, and many that are a little darker than the rest."""
+    order, shade = np.random.default_rng(seed), np.zeros((200, 200))
+    for _ in range(400):
+        x, y, turn, length = order.uniform([0, 0, 0, 4], [200, 200, np.pi, 20])
+        mark = Image.new("L", (200, 200))
+        ImageDraw.Draw(mark).line([(x, y), (x + length * np.cos(turn), y + length * np.sin(turn))], fill=1, width=2)
+        shade = np.maximum(shade, np.asarray(mark) * order.exponential(18.0))
+    grey = np.linspace(205.0, 235.0, 200)[:, None] - shade + order.normal(0.0, 4.0, shade.shape)
+    levels = np.dstack([*3 * [np.rint(grey)], np.full(grey.shape, 255.0)]).astype(np.float32)
+    assert scan_of(np.clip(levels, 0.0, 255.0)) is None
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def scan_of(levels: np.ndarray) -> Scan | None:
 
     A scan has at least 96 px a side and 48 cells along the longer one. Its paper is at least as light as the middle
     tone at its lightest, and at least 0.3 of that at its darkest. It covers 0.6 of the pixels; at most 0.004 of them
-    are clearly lighter, and at least 0.0005 are clearly darker: ink.
+    are clearly lighter, and at least 0.0005 are clearly darker: ink, as is most of what is darker than the grain.
     Outside of ink all of it has one tint. Under light that varies by 6 levels or more, it has grain, which is alike
     over a px or two; means over 4 px, which show shading, differ by at most 1.5 times as much. Under even light it may
     have none, but the ink is in lines that pens drew, which nearly all pixels confirm. Such paper may be dark, too, and
@@ -95,10 +95,12 @@ def _on_light_paper(levels: np.ndarray, luma: np.ndarray, *, may_be_uneven: bool
     bare = colours * (colour / np.maximum(surface, 1.0))
     drawn = np.clip(bare, 0.0, colour)
     rest *= float(colour @ LUMA) / float(np.median(light))
-    ink = _ink((colour - drawn) @ LUMA, rest)
+    depth = (colour - drawn) @ LUMA
+    ink, dark = _ink(depth, rest), depth > OUTLIER * rest
     tint = bare - colour - ((bare - colour) @ LUMA)[..., None]
     lost = (np.abs(tint) > APART).any(axis=-1) & ~ink
-    if not ink.any() or lost.mean() > 0.004:
+    # Most of what is darker than the grain is ink; in a photo of a texture it is shade.
+    if 2 * (dark & ink).sum() <= dark.sum() or lost.mean() > 0.004:
         return None
     out = levels.copy()
     out[..., :3] = np.where(ink[..., None], drawn, colour)
