@@ -181,6 +181,15 @@ def nearest(picture: np.ndarray, factor: float) -> np.ndarray:
     return picture[rows][:, columns]
 
 
+def test_a_sheet_of_sprites_has_cells_though_one_is_dithered():
+    rows = [np.hstack([sprite(seed=8 * row + column) for column in range(8)]) for row in range(8)]
+    sheet, ramp = np.vstack(rows), np.arange(40, dtype=np.uint8)
+    dots = np.asarray(Image.fromarray(3 * np.add.outer(ramp, ramp)).convert("1"))  # by Floyd and Steinberg
+    sheet[:40, :40] = COLOURS[dots.astype(int)]
+    cells = found(sheet)
+    assert cells is not None and cells.side == 1.0
+
+
 @pytest.mark.parametrize("factor", [1.0, 2.0, 2.4, 3.5])
 def test_scenes_of_any_size_and_factor_come_back_exactly(factor):
     picture = nearest(scene(144, 120), factor)

@@ -207,9 +207,10 @@ def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
     # px and more; in small pictures 0.04 and more in sprites, less than 0.03 in plain symbols.
     if not larger and _alone(numbers) < (0.03 if small else 0.2):
         return False
-    # Colours that dots stand for are meant, and not their pixels; but nobody dithers a small sprite by a program.
-    # Who enlarges a picture sees its pixels.
-    if pixels and not enlarged and dithered(levels) is not None:
+    # Colours that dots stand for are meant, and not their pixels; but a program dithers whole pictures, and no small
+    # sprite. Who enlarges a picture sees its pixels.
+    dither = dithered(levels) if pixels and not enlarged else None
+    if dither is not None and dither[2]:
         return False
     # Photos reduced to 16 colours have 0.24 or more of soft steps.
     if (pixels or count > FEW_COLOURS) and _soft(levels) > (0.2 if pixels else 0.5):

@@ -42,9 +42,7 @@ def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
     found = dithered(levels)
     if found is None:
         return _with_gradients(levels) if banded(levels) else levels, None
-    dots, dense = found
-    uneven = spread(levels, 3, 3) > 0.0
-    most = bool(2 * (ndimage.binary_dilation(dense, ndimage.SQUARE, PERIOD) & uneven).sum() > uneven.sum())
+    dots, dense, most = found
     meant = dots if most else dense & _high_in_frequency(levels)
     if not meant.any():
         return levels, None
@@ -83,9 +81,9 @@ def _with_gradients(levels: np.ndarray) -> np.ndarray:
     return levels if exact is whole else exact[..., : levels.shape[2]]
 
 
-def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool] | None:
     """Return (H, W) bool, twice: all dots of a picture (H, W, C) in levels with few colours, and the dense ones, which
-    may be dither by error diffusion; None if there are hardly any of these.
+    may be dither by error diffusion; and whether most of what is not even is near these. None if there are hardly any.
     """
     dots = dither_dots(levels, FLAT_RANGE)
     if dots.sum() <= MOST_STRAY:
@@ -95,7 +93,11 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     if dense.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
-    return (dots, dense) if are_few(colours, MOST_COLORS) and _repeated(colours, dense) < REPEATED else None
+    if not are_few(colours, MOST_COLORS) or _repeated(colours, dense) >= REPEATED:
+        return None
+    uneven = spread(levels, 3, 3) > 0.0
+    near = ndimage.binary_dilation(dense, ndimage.SQUARE, PERIOD) & uneven
+    return dots, dense, bool(2 * near.sum() > uneven.sum())
 
 
 def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
