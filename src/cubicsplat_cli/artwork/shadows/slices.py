@@ -8,6 +8,7 @@ within the one before and a step darker.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -130,10 +131,11 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
     levels = whole * share
     slope = np.maximum(np.hypot(*np.gradient(levels)), 1e-3)
     values, slopes = levels[shown], slope[shown]
-    dark, error = 0.0, area.rough * 255.0 * EVEN / float(slopes.max())
+    dark = 0.0
     while dark < values.max():
         near = np.abs(values - dark - STEPS[0]) < STEPS[0]
-        step = int(np.clip(APART * np.median(slopes[near]), *STEPS)) if near.any() else STEPS[1]
+        steep = float(np.median(slopes[near])) if near.any() else STEPS[1] / APART  # levels a px
+        step = int(np.clip(APART * steep, *STEPS))
         if ground is None:
             alpha, fill = round(255.0 * min(step / (whole - dark), 1.0)), colour
             darker = dark + (whole - dark) * alpha / 255.0
@@ -144,6 +146,8 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
         part = 0.5 + (levels - 0.5 * (dark + darker)) / slope
         cover = part >= 0.5
         if cover.any():
+            # An outline may be off by as much as a pixel in even steps is, in the mean, or by rounding.
+            error = 255.0 * max(step / math.sqrt(12.0), area.rough * EVEN) / steep
             found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
             for extent in extents_of(cover, np.zeros_like(cover), found):
                 yield Shape((red, green, blue, alpha), outlines_of(extent, cover.shape, 1.0), NAME)
