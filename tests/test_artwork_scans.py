@@ -114,9 +114,13 @@ def test_what_is_no_scan_stays_as_it_is():
     assert scan_of(seethrough) is None
 
 
+def in_grey(luma: np.ndarray) -> np.ndarray:
+    """The levels (H, W, 4) of a grey picture (H, W), cut off at the ends of the scale."""
+    return as_levels(target_of(np.clip(np.rint(luma), 0, 255)[..., None].repeat(3, axis=2)))
+
+
 def test_dark_spots_on_a_dark_ground_are_not_ink_on_paper():
-    grey = data.microaneurysms()
-    assert scan_of(as_levels(target_of(np.repeat(grey[..., None], 3, axis=2)))) is None
+    assert scan_of(in_grey(data.microaneurysms())) is None
 
 
 def test_a_dark_corner_of_a_rough_surface_is_a_shadow_and_no_ink():
@@ -125,7 +129,7 @@ def test_a_dark_corner_of_a_rough_surface_is_a_shadow_and_no_ink():
     streaks = ndimage.gaussian_filter(generator.normal(size=(256, 320)), (0.5, 12.0))
     y, x = np.mgrid[:256, :320] / 320.0
     grey = 205.0 + 20.0 * x + 9.0 * streaks / streaks.std() - 190.0 * np.exp(-(x**2 + y**2) / 0.004)
-    assert scan_of(as_levels(target_of(np.clip(np.rint(grey), 0, 255)[..., None].repeat(3, axis=2)))) is None
+    assert scan_of(in_grey(grey)) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -138,8 +142,7 @@ def test_a_texture_of_all_tones_on_a_light_ground_is_no_ink(seed):
         ImageDraw.Draw(mark).line([(x, y), (x + length * np.cos(turn), y + length * np.sin(turn))], fill=1, width=2)
         shade = np.maximum(shade, np.asarray(mark) * order.exponential(18.0))
     grey = np.linspace(205.0, 235.0, 200)[:, None] - shade + order.normal(0.0, 4.0, shade.shape)
-    levels = np.dstack([*3 * [np.rint(grey)], np.full(grey.shape, 255.0)]).astype(np.float32)
-    assert scan_of(np.clip(levels, 0.0, 255.0)) is None
+    assert scan_of(in_grey(grey)) is None
 
 
 @pytest.mark.slow

@@ -210,7 +210,7 @@ def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
     # Colours that dots stand for are meant, and not their pixels; but a program dithers whole pictures, and no small
     # sprite. Who enlarges a picture sees its pixels.
     dither = dithered(levels) if pixels and not enlarged else None
-    if dither is not None and dither[2]:
+    if dither is not None and dither.most:
         return False
     # Photos reduced to 16 colours have 0.24 or more of soft steps.
     if (pixels or count > FEW_COLOURS) and _soft(levels) > (0.2 if pixels else 0.5):

@@ -8,6 +8,8 @@ itself, and counts as pixel art, whose pixels are meant.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import are_few, largest, packed
@@ -81,10 +83,18 @@ def _with_gradients(levels: np.ndarray) -> np.ndarray:
     return levels if exact is whole else exact[..., : levels.shape[2]]
 
 
-def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool] | None:
-    """Return (H, W) bool, twice: all dots of a picture (H, W, C) in levels with few colours, and the dense ones, which
-    may be dither by error diffusion; and whether most of what is not even is near these. None if there are hardly any.
+class Dither(NamedTuple):
+    """dots: (H, W) bool, all dots of a picture; dense: (H, W) bool, those that may be dither by error diffusion; most:
+    whether most of what is not even is near these.
     """
+
+    dots: np.ndarray
+    dense: np.ndarray
+    most: bool
+
+
+def dithered(levels: np.ndarray) -> Dither | None:
+    """Return the dither of a picture (H, W, C) in levels with few colours; None if it has hardly any."""
     dots = dither_dots(levels, FLAT_RANGE)
     if dots.sum() <= MOST_STRAY:
         return None
@@ -97,7 +107,7 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool] | None:
         return None
     uneven = spread(levels, 3, 3) > 0.0
     near = ndimage.binary_dilation(dense, ndimage.SQUARE, PERIOD) & uneven
-    return dots, dense, bool(2 * near.sum() > uneven.sum())
+    return Dither(dots, dense, bool(2 * near.sum() > uneven.sum()))
 
 
 def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
