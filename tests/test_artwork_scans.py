@@ -145,6 +145,18 @@ def test_a_texture_of_all_tones_on_a_light_ground_is_no_ink(seed):
     assert scan_of(in_grey(grey)) is None
 
 
+def test_a_charts_grey_panels_are_no_unevenly_lit_paper():
+    grey = np.full((480, 640), 255.0)
+    for left in (39, 239, 440):
+        panel = grey[25:442, left : left + 194]
+        panel[:] = 235.0
+        panel[40::81] = panel[:, 22::45] = 245.0
+        panel[::81] = panel[:, ::45] = 255.0
+        for k in range(12):
+            panel[20 + 30 * k : 30 + 30 * k, 10 + 15 * k : 20 + 15 * k] = 0.0
+    assert scan_of(in_grey(grey)) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("grey", [False, True])
 def test_a_scan_is_artwork(grey):

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.channels import light_of_srgb
+from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.input.sharpening import UnsharpMask, unsharp_mask, without_halos
 from cubicsplat_cli.evaluate.rerender import rerender
@@ -56,6 +58,27 @@ def test_without_halos_a_picture_is_nearer_to_the_areas_that_shapes_cover(resamp
     areas, sharp = reduced(image, Image.Resampling.BOX), reduced(image, resampling)
     before, after = (np.square(levels - areas).mean() ** 0.5 for levels in (sharp, without_halos(sharp)))
     assert after < 0.8 * before
+
+
+def in_light(image: Image.Image, resampling: Image.Resampling) -> np.ndarray:
+    """Return the levels of a picture that was made as small as `reduced` makes it, as linear light."""
+    planes = [Image.fromarray(plane) for plane in light_of_srgb(np.asarray(image, np.float32) / 255.0).T]
+    small = np.stack([np.asarray(plane.resize((SIDE, SIDE), resampling)).T for plane in planes], axis=2)
+    values = np.arange(256)
+    nearest = np.searchsorted(light_of_srgb((values[1:] - 0.5) / 255.0), small)
+    return as_levels(values[nearest] / np.float32(255.0))
+
+
+@pytest.mark.parametrize("resampling", [Image.Resampling.LANCZOS, Image.Resampling.BICUBIC])
+@pytest.mark.parametrize("ground", ["#dddddd", "white"])
+def test_halos_of_linear_light_are_taken_off_as_light(resampling, ground):
+    image = icon(ground=ground)
+    areas, sharp = reduced(image, Image.Resampling.BOX), in_light(image, resampling)
+    found = without_halos(sharp)
+    before, after = (np.square(levels - areas).mean() ** 0.5 for levels in (sharp, without_linear_light(found)))
+    assert after < 0.35 * before
+    of_values = without_halos(reduced(image, resampling))
+    assert without_linear_light(of_values) is of_values
 
 
 @pytest.mark.parametrize(("radius", "percent"), [(1.0, 30), (1.0, 100), (1.3, 70), (2.0, 150), (3.0, 60)])

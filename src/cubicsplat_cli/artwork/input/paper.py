@@ -51,7 +51,10 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
     luma = levels[..., :3] @ LUMA
-    if (scan := _on_light_paper(levels, luma, may_be_uneven=True)) is not None:
+    # Grain leaves hardly a pixel like all around it.
+    if (
+        scan := _on_light_paper(levels, luma, may_be_uneven=bool(np.median(ndimage.ranges(luma, 3)) > 0.0))
+    ) is not None:
         return scan
     paper = np.median(luma)  # of even paper, which is most of the picture
     if paper >= 128.0 or not _soft(luma - paper):
