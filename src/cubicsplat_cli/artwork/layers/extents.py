@@ -96,18 +96,25 @@ def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarra
     return (slice(y, bottom), slice(x, right)), inside
 
 
+def _within(box: tuple[slice, slice], rows: slice, columns: slice) -> tuple[slice, slice]:
+    """A box, rows and columns, in px of one that holds it."""
+    (y, x), top, left = box, rows.start, columns.start
+    return slice(y.start - top, y.stop - top), slice(x.start - left, x.stop - left)
+
+
 @record
 class Window:
     """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
     shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
     lies outside of the outer one or in other holes. must: of a box, rows and columns, beyond which there is nothing
-    that it must. may: (h, w) of the whole extent."""
+    that it must. may: (h, w) of the whole extent; besides: what else it may within the box, if anything."""
 
     extent: Extent
     must: np.ndarray
     may: np.ndarray
     canvas: tuple[int, int]
     box: tuple[slice, slice]
+    besides: np.ndarray | None = None
 
     @classmethod
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> Window:
@@ -156,21 +163,24 @@ class Window:
         """The same of a contour of a hole of the extent."""
         box, free = enclosed(polygon(contour.points), self.extent)
         must = ndimage.binary_erosion(free & ~self.extent.allowed[box], ndimage.SQUARE)
-        may = self.between.copy()
-        may[box] |= free & self.may[box] & ~self.must[box]
-        return replace(self, must=must, may=may, box=box)
+        return replace(self, must=must, may=self.between, box=box, besides=free & self.may[box] & ~self.must[box])
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring = outline.ring()
         points = dense(flattened(ring, 1.0), 1.0)
         reached, own = enclosed(ring, self.extent)
-        off = np.zeros(self.may.shape, dtype=bool)
-        off[self.box] = self.must
-        off[reached] = np.where(own, ~self.may[reached], off[reached])
         both = zip(self.box, reached, strict=True)
         rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
-        y, x = np.divmod(np.flatnonzero(off[rows, columns]), columns.stop - columns.start)  # faster than `nonzero`
+        own_box, own_part = (_within(each, rows, columns) for each in (self.box, reached))
+        may = self.may[rows, columns]
+        if self.besides is not None:
+            may = may.copy()
+            may[own_box] |= self.besides
+        off = np.zeros(may.shape, dtype=bool)
+        off[own_box] = self.must
+        off[own_part] = np.where(own, ~may[own_part], off[own_part])
+        y, x = np.divmod(np.flatnonzero(off), off.shape[1])  # faster than `nonzero`
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
         # Points beyond the window, though on the canvas.
         low = np.array([self.extent.left, self.extent.top])

@@ -90,6 +90,8 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     if not doubtful.any():
         return out
     beside, areas = ([ndimage.maximum_filter((pure == k) & where, NEAR) for k in fills] for where in (True, flat))
+    thin, more = ~flat, np.zeros(pure.shape, dtype=bool)
+    colours = levels[thin]
     for k in fills[doubtful & (counts > 0)]:
         shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):
@@ -101,8 +103,8 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
             by_ground = beside[ground][shown]
             if by_ground.mean() < BESIDE_GROUND:
                 continue
-            shares, rest = blend_of(levels, palette[ground], palette[line], most=None)
-            more = (shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE) & ~areas[line]
+            shares, rest = blend_of(colours, palette[ground], palette[line], most=None)
+            more[thin] = (shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE) & ~areas[line][thin]
             if share > 1.0 - MORE:
                 out[k] = counts[line] > counts[k]
             elif more.sum() > counts[k]:
