@@ -171,6 +171,15 @@ def test_a_line_between_two_areas_stays():
     assert np.abs(found - levels)[3:5, 20:100].max() == 0.0
 
 
+def test_dark_outlines_are_no_halos():
+    image = Image.new("RGB", (240, 120), "white")
+    for row, column in np.ndindex(2, 4):
+        x, y = 12 + 58 * column, 12 + 54 * row
+        ImageDraw.Draw(image).rectangle([x, y, x + 40, y + 40], fill="#808080", outline="black", width=2)
+    levels = levels_of(image)
+    assert without_halos(levels) is levels
+
+
 def test_a_sharpened_gradient_is_one_shape():
     small = icon(gradient=True).resize((SIDE, SIDE), Image.Resampling.LANCZOS)
     report = vectorize(np.asarray(small), style="artwork", threads=1).report

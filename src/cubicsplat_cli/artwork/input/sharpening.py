@@ -266,12 +266,12 @@ def _filtered(levels: np.ndarray, in_light: bool) -> np.ndarray:
 
 def _sharpened(levels: np.ndarray, in_light: bool) -> bool:
     """Return True if at least half of a picture's edges have halos, on their light sides and on their dark ones;
-    in_light: of linear light.
+    in_light: of linear light. What differs by more lies beside the edge, as letters do.
     """
     halos_of = partial(_halos, in_light=in_light)
     sides = [np.concatenate(found) for found in zip(*map(halos_of, _lines_of(levels)), strict=True)]
     told = [halos for halos in sides if len(halos) >= FEWEST]
-    return bool(told) and all((halos > HALO).mean() >= 0.5 for halos in told)
+    return bool(told) and all(((halos > HALO) & (halos <= MOST)).mean() >= 0.5 for halos in told)
 
 
 def _halos(values: np.ndarray, in_light: bool) -> tuple[np.ndarray, np.ndarray]:

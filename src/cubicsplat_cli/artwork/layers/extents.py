@@ -180,7 +180,7 @@ class Window:
         off = np.zeros(may.shape, dtype=bool)
         off[own_box] = self.must
         off[own_part] = np.where(own, ~may[own_part], off[own_part])
-        y, x = np.divmod(np.flatnonzero(off), off.shape[1])  # faster than `nonzero`
+        y, x = np.divmod(np.flatnonzero(off), columns.stop - columns.start)  # faster than `nonzero`
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
         # Points beyond the window, though on the canvas.
         low = np.array([self.extent.left, self.extent.top])
