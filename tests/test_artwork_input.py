@@ -345,6 +345,17 @@ def test_lines_are_drawn_through_a_blur_that_leaves_nothing_even_between_them():
     assert len(drawing.shapes) <= 6 and drawing.segments <= 40
 
 
+def test_grey_outlines_between_light_and_dark_are_no_blur():
+    levels = np.full((90, 256, 4), 255.0, np.float32)
+    levels[15:75, 14:242, :3], levels[16:74, 15:241, :3] = 248, 204
+    for left, colour in zip(
+        range(16, 240, 56), [(0, 109, 44), (190, 20, 40), (20, 60, 180), (120, 0, 120)], strict=True
+    ):
+        levels[17:73, left : left + 55, :3] = np.add(np.multiply(colour, 0.75), 51)
+        levels[18:72, left + 1 : left + 54, :3] = colour
+    assert condition_of(levels).clean
+
+
 def test_a_picture_is_blurred_everywhere_only_if_its_edges_say_so():
     soft = Image.fromarray(pixels("clean")).filter(ImageFilter.GaussianBlur(2.0))
     assert blurred_everywhere(as_levels(as_picture(np.asarray(soft)).target()))

@@ -41,6 +41,9 @@ WAVES = (
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
+# Of an edge's contrast: by which its blends may be off their line in a JPEG, and without noise, where a grey outline is
+# off by more that lies between a light and a dark colour.
+OFF_LINE, OFF_LINE_OF_CLEAN = 0.1, 0.03
 NEAR_EDGES = 2.0  # times as much as elsewhere, by which the pixels of a JPEG are off a few px from edges
 SKEWED = 2.0  # how many times as far as the upper quartile the lower one is off the median where some edges are sharp
 # Fewer different blends do not tell. Of the blends in pictures of 16 or 32 colours, 0.3 to 0.85 are rounded off their
@@ -321,9 +324,9 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0, *, cut: bool = True) -> fl
     `_variances`.
 
     At most EXAMINED edges are measured each way; their pixels may be off the line between the colours that they blend
-    by a tenth of the contrast.
+    by a share of the contrast.
     """
-    variances = _variances(levels, max(2.0, 3.0 * noise), cut=cut)
+    variances = _variances(levels, noise, cut=cut)
     if len(variances) < FEWEST:
         return None
     quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)
@@ -335,18 +338,19 @@ def blurred_everywhere(levels: np.ndarray) -> bool:
     """Return True if nearly all edges of a blurred picture are as wide as its median edge, but for a quarter. Those of
     a shape that casts a soft shadow are sharper. False if too few edges can be measured.
     """
-    variances = _variances(levels, 2.0)
+    variances = _variances(levels, 0.0)
     if len(variances) < FEWEST:
         return False
     few, half = np.quantile(variances, [0.05, 0.5])
     return bool(few >= 9.0 / 16.0 * half)
 
 
-def _variances(levels: np.ndarray, even: float, *, cut: bool = True) -> np.ndarray:
-    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels.
-    cut: of those cut off too, as between thin lines, where too few are not.
+def _variances(levels: np.ndarray, noise: float, *, cut: bool = True) -> np.ndarray:
+    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even but for noise, in
+    levels. cut: of those cut off too, as between thin lines, where too few are not.
     """
-    given = levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1
+    off = OFF_LINE if noise else OFF_LINE_OF_CLEAN
+    given = levels, levels @ SEEN, EXAMINED, max(2.0, 3.0 * noise), CONTRAST, off
     whole = edge_variances(*given)
     return edge_variances(*given, cut=True) if cut and len(whole) < FEWEST else whole
 
