@@ -29,7 +29,7 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
     blended = opaque & ~even
     near, places = near_colours(colours, opaque & even, blended)
     values, ends = levels[blended], levels.reshape(-1, 4)[places]
-    again, off = blends(_light(values), near, _light(ends), ends, three=True)
+    again, off = blends(in_light(values), near, in_light(ends), ends, three=True)
     out = levels.copy()
     # Of near colours, as within a gradient, blends are alike in both, and rounding again would only add noise.
     moved = (off <= BLEND) & (largest(np.abs(again - values)) > SAME)
@@ -37,7 +37,7 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
     return out
 
 
-def _light(values: np.ndarray) -> np.ndarray:
+def in_light(values: np.ndarray) -> np.ndarray:
     """Return the linear light of sRGB values, both in 0..255."""
     return 255.0 * light_of_srgb(np.asarray(values, np.float64) / 255.0)
 
@@ -50,8 +50,8 @@ def blended_in_light(levels: np.ndarray) -> bool:
     """
     parts = [_edges(lines) for lines in (levels, levels.swapaxes(0, 1))]
     edges = np.concatenate([part[:: 1 + len(part) // EXAMINED] for part in parts]).astype(np.float64)
-    (places, off), (in_light, off_in_light) = _places(edges), _places(_light(edges))
-    differ = np.abs(places - in_light).max(axis=1) > DIFFERENT
+    (places, off), (places_in_light, off_in_light) = _places(edges), _places(in_light(edges))
+    differ = np.abs(places - places_in_light).max(axis=1) > DIFFERENT
     for telling, least in ((differ & (np.ptp(places, axis=1) > DIFFERENT), 1.4), (differ, 10.0)):
         squares, squares_in_light = (np.minimum(error, 0.2**2)[telling] for error in (off, off_in_light))
         if len(squares) >= FEWEST and squares.mean() > least * squares_in_light.mean():

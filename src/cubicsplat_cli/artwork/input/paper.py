@@ -51,10 +51,8 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
     luma = levels[..., :3] @ LUMA
-    # Grain leaves hardly a pixel like all around it.
-    if (
-        scan := _on_light_paper(levels, luma, may_be_uneven=bool(np.median(ndimage.ranges(luma, 3)) > 0.0))
-    ) is not None:
+    grainy = bool(np.median(ndimage.ranges(luma, 3)) > 0.0)  # hardly a pixel is like all around it
+    if (scan := _on_light_paper(levels, luma, may_be_uneven=grainy)) is not None:
         return scan
     paper = np.median(luma)  # of even paper, which is most of the picture
     if paper >= 128.0 or not _soft(luma - paper):

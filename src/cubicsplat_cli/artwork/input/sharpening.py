@@ -16,9 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import light_of_srgb
 from cubicsplat_cli.artwork.input.condition import ROUGH, rippled
-from cubicsplat_cli.artwork.input.linear_light import blended_in_light
+from cubicsplat_cli.artwork.input.linear_light import blended_in_light, in_light
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import second_differences, spread
@@ -223,60 +222,61 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     A picture was filtered as linear light if without such halos its edges are blended so. Its halos and second lobes
     are the wider in the dark.
     """
-    sharpened = _sharpened(levels, in_light=False)
-    if not (sharpened or _sharpened(levels, in_light=True)) or rippled(levels):
+    sharpened = _sharpened(levels, light=False)
+    if not (sharpened or _sharpened(levels, light=True)) or rippled(levels):
         return levels
     even, flat = _even(levels, ROUGH), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
         return levels
-    of_light = np.rint(_without_halos(levels, even, flat, in_light=True))
+    of_light = np.rint(_without_halos(levels, even, flat, light=True))
     if blended_in_light(of_light):
         return of_light
-    return _without_halos(levels, even, flat, in_light=False) if sharpened else levels
+    return _without_halos(levels, even, flat, light=False) if sharpened else levels
 
 
-def _without_halos(levels: np.ndarray, even: np.ndarray, flat: np.ndarray, in_light: bool) -> np.ndarray:
-    """Return a picture (H, W, 4) without the halos that a filter left in it; in_light: of linear light. even, flat:
-    (H, W) bool, its pixels away from edges, and those of one colour."""
-    known, filtered = flat[..., None], _filtered(levels, in_light)
+def _without_halos(levels: np.ndarray, even: np.ndarray, flat: np.ndarray, light: bool) -> np.ndarray:
+    """Return a picture (H, W, 4) without the halos that a filter left in it, of linear light if `light`. even, flat:
+    (H, W) bool, its pixels away from edges, and those of one colour.
+    """
+    known, filtered = flat[..., None], _filtered(levels, light)
     low, high = _range_of(levels, even, 2 * REACH + 1)
     clipped = np.clip(levels, low, high)
-    most = MOST * (_filtered(high, in_light) - _filtered(low, in_light))
-    clipped = np.where(np.abs(_filtered(clipped, in_light) - filtered) <= most, clipped, levels)
+    most = MOST * (_filtered(high, light) - _filtered(low, light))
+    clipped = np.where(np.abs(_filtered(clipped, light) - filtered) <= most, clipped, levels)
     side = np.where(known, clipped, np.float32(0.0))
     for _ in range(REACH):
         weight = ndimage.uniform_filter(known.astype(np.float32), (3, 3, 1), mode="nearest")
         mean = ndimage.uniform_filter(side, (3, 3, 1), mode="nearest") / np.maximum(weight, LEAST)
         side, known = np.where(known | (weight < LEAST), side, mean), known | (weight >= LEAST)
     contrast = ndimage.ranges(filtered, (2 * REACH + 1, 2 * REACH + 1, 1))
-    off = np.abs(_filtered(clipped, in_light) - _filtered(side, in_light))
+    off = np.abs(_filtered(clipped, light) - _filtered(side, light))
     found = np.where(known & (off <= RIPPLE * contrast), side, clipped).astype(np.float32)
     found[..., :3] = np.minimum(found[..., :3], found[..., 3:])  # premultiplied
     return found
 
 
-def _filtered(levels: np.ndarray, in_light: bool) -> np.ndarray:
-    """Return colours (..., 3 or 4) in 0..255 as values that a filter saw: as linear light if `in_light`."""
-    if not in_light:
+def _filtered(levels: np.ndarray, light: bool) -> np.ndarray:
+    """Return levels (H, W, 4) as a filter saw them: their colours as linear light if `light`."""
+    if not light:
         return levels
-    light = levels.copy()
-    light[..., :3] = 255.0 * light_of_srgb(levels[..., :3] / 255.0)
-    return light
+    seen = np.clip(levels, 0.0, 255.0)  # where no pixel is even its range is not finite
+    seen[..., :3] = in_light(seen[..., :3])
+    return seen
 
 
-def _sharpened(levels: np.ndarray, in_light: bool) -> bool:
+def _sharpened(levels: np.ndarray, light: bool) -> bool:
     """Return True if at least half of a picture's edges have halos, on their light sides and on their dark ones;
-    in_light: of linear light. What differs by more lies beside the edge, as letters do.
+    light: of linear light. What differs by more lies beside the edge, as letters do.
     """
-    halos_of = partial(_halos, in_light=in_light)
+    halos_of = partial(_halos, as_light=light)
     sides = [np.concatenate(found) for found in zip(*map(halos_of, _lines_of(levels)), strict=True)]
     told = [halos for halos in sides if len(halos) >= FEWEST]
     return bool(told) and all(((halos > HALO) & (halos <= MOST)).mean() >= 0.5 for halos in told)
 
 
-def _halos(values: np.ndarray, in_light: bool) -> tuple[np.ndarray, np.ndarray]:
+def _halos(values: np.ndarray, as_light: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the sizes of the halos on the light (n,) and dark (m,) sides of edges along the rows of a channel (H, W),
-    over the contrast; of linear light if `in_light`. Sides too near to an end of the scale, where a halo was cut off,
+    over the contrast; of linear light if `as_light`. Sides too near to an end of the scale, where a halo was cut off,
     do not count.
     """
 
@@ -286,7 +286,7 @@ def _halos(values: np.ndarray, in_light: bool) -> tuple[np.ndarray, np.ndarray]:
     lines[falling] = lines[falling, ::-1]
     even = np.abs(np.diff(lines, axis=1)[:, [0, -1]]).max(axis=1) <= ROUGH
     even &= lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1) >= CONTRAST
-    lines = 255.0 * light_of_srgb(lines / 255.0) if in_light else lines
+    lines = in_light(lines) if as_light else lines
     dark, light = lines[:, :2].mean(axis=1), lines[:, -2:].mean(axis=1)
     contrast, half = light - dark, 0.5 * (light + dark)
     # The pixel in the middle holds the point half of the way.
