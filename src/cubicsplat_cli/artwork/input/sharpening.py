@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -222,8 +221,9 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     A picture was filtered as linear light if without such halos its edges are blended so. Its halos and second lobes
     are the wider in the dark.
     """
-    sharpened = _sharpened(levels, light=False)
-    if not (sharpened or _sharpened(levels, light=True)) or rippled(levels):
+    edges = [*map(_edges, _lines_of(levels))]
+    sharpened = _sharpened(edges)
+    if not (sharpened or _sharpened(map(in_light, edges))) or rippled(levels):
         return levels
     even, flat = _even(levels, ROUGH), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
@@ -264,35 +264,35 @@ def _filtered(levels: np.ndarray, light: bool) -> np.ndarray:
     return seen
 
 
-def _sharpened(levels: np.ndarray, light: bool) -> bool:
-    """Return True if at least half of a picture's edges have halos, on their light sides and on their dark ones;
-    light: of linear light. What differs by more lies beside the edge, as letters do.
-    """
-    halos_of = partial(_halos, as_light=light)
-    sides = [np.concatenate(found) for found in zip(*map(halos_of, _lines_of(levels)), strict=True)]
-    told = [halos for halos in sides if len(halos) >= FEWEST]
-    return bool(told) and all(((halos > HALO) & (halos <= MOST)).mean() >= 0.5 for halos in told)
-
-
-def _halos(values: np.ndarray, as_light: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sizes of the halos on the light (n,) and dark (m,) sides of edges along the rows of a channel (H, W),
-    over the contrast; of linear light if `as_light`. Sides too near to an end of the scale, where a halo was cut off,
-    do not count.
-    """
-
+def _edges(values: np.ndarray) -> np.ndarray:
+    """Return (n, 2 * REACH + 1) the values across edges along the rows of a channel (H, W), rising."""
     y, x = np.nonzero(np.abs(values[:, REACH + 1 : 1 - REACH] - values[:, REACH - 1 : -REACH - 1]) >= 0.5 * CONTRAST)
     lines = values[y[:, None], x[:, None] + np.arange(2 * REACH + 1)].astype(np.float64)
     falling = lines[:, 0] > lines[:, -1]
     lines[falling] = lines[falling, ::-1]
     even = np.abs(np.diff(lines, axis=1)[:, [0, -1]]).max(axis=1) <= ROUGH
-    even &= lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1) >= CONTRAST
-    lines = in_light(lines) if as_light else lines
-    dark, light = lines[:, :2].mean(axis=1), lines[:, -2:].mean(axis=1)
+    return lines[even & (lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1) >= CONTRAST)]
+
+
+def _sharpened(edges: Iterable[np.ndarray]) -> bool:
+    """Return True if at least half of the edges of all channels have halos, on their light sides and on their dark
+    ones. What differs by more lies beside the edge, as letters do.
+    """
+    sides = [np.concatenate(found) for found in zip(*map(_halos, edges), strict=True)]
+    told = [halos for halos in sides if len(halos) >= FEWEST]
+    return bool(told) and all(((halos > HALO) & (halos <= MOST)).mean() >= 0.5 for halos in told)
+
+
+def _halos(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sizes of the halos on the light (n,) and dark (m,) sides of edges as of `_edges`, over the contrast.
+    Sides too near to an end of the scale, where a halo was cut off, do not count.
+    """
+    dark, light = edges[:, :2].mean(axis=1), edges[:, -2:].mean(axis=1)
     contrast, half = light - dark, 0.5 * (light + dark)
     # The pixel in the middle holds the point half of the way.
-    edge = even & (lines[:, REACH - 1] < half) & (lines[:, REACH] >= half)
+    middle = (edges[:, REACH - 1] < half) & (edges[:, REACH] >= half)
     room = light + MOST * contrast <= 255.0, dark - MOST * contrast >= 0.0
-    sides = (edge & room[0], -lines[:, ::-1]), (edge & room[1], lines)
+    sides = (middle & room[0], -edges[:, ::-1]), (middle & room[1], edges)
     near, found = np.arange(2, REACH), []
     for told, side in sides:
         own = side[told]
