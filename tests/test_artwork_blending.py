@@ -67,9 +67,10 @@ def test_thin_words_go_with_those_that_are_text_for_an_lcd_for_certain():
     assert coloured.sum() < 0.1 * fringes.sum()
 
 
-def test_text_for_an_lcd_on_a_button_that_gets_darker_downwards_and_whose_frame_it_touches():
-    rows = np.rint(np.linspace(243.0, 225.0, 40))[:, None, None] * np.ones(3)
-    plain, came = (_text(taps, 1, ground=rows) for taps in (None, (1, 2, 3, 2, 1)))
+@pytest.mark.parametrize(("lowest", "fill"), [(225.0, (20, 60, 160)), (130.0, (20, 30, 50))])
+def test_text_for_an_lcd_on_a_button_that_gets_darker_downwards_and_whose_frame_it_touches(lowest, fill):
+    rows = np.rint(np.linspace(243.0, lowest, 40))[:, None, None] * np.ones(3)
+    plain, came = (_text(taps, 1, fill, rows) for taps in (None, (1, 2, 3, 2, 1)))
     for levels in (plain, came):
         levels[:, 92], levels[:, 93:] = [90.0, 90.0, 90.0, 255.0], [200.0, 210.0, 220.0, 255.0]
     found = without_subpixels(came)
@@ -89,6 +90,16 @@ def test_text_for_an_lcd_has_one_fill_on_a_ground_that_changes_both_ways():
     assert np.abs(found - plain).mean() < 0.15 * np.abs(came - plain).mean()
 
 
+def test_text_for_an_lcd_in_a_window_with_a_translucent_shadow():
+    plain, came = _text(None, 1), _text((1, 2, 3, 2, 1), 1)
+    shadow = np.tile(np.linspace(0.0, 90.0, 12)[:, None] * [0.1, 0.2, 0.3, 1.0], (40, 1, 1)).astype(np.float32)
+    whole = np.concatenate([shadow, came, shadow[:, ::-1]], axis=1)
+    found = without_subpixels(whole)
+    assert (found[:, :12] == shadow).all()
+    assert (found[:, -12:] == shadow[:, ::-1]).all()
+    assert np.abs(found[:, 12:-12] - plain).mean() < 0.15 * np.abs(came - plain).mean()
+
+
 def test_texts_for_an_lcd_in_two_greys_keep_both():
     """As in a window of labels and buttons."""
     sides = [[_text(taps, 1, (grey,) * 3, (217,) * 3, 1.0) for grey in (62, 52)] for taps in (None, (1, 1, 1))]
@@ -103,7 +114,9 @@ def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
     photo[..., 3] = 255.0
     grey = _text((1, 2, 3, 2, 1), 1, (0, 0, 0), (255, 255, 255))
     grey[..., :3] = grey[..., 1:2]
-    for levels in (plain, sides, photo, grey):
+    specks = plain.copy()  # pairs of pixels in the order of an LCD's colours, as chance has them in shaded pictures
+    specks[19:21, 8:92:12, :3], specks[19:21, 9:92:12, :3] = [217.0, 163.0, 130.0], [69.0, 78.0, 10.0]
+    for levels in (plain, sides, photo, grey, specks):
         assert without_subpixels(levels) is levels
 
 

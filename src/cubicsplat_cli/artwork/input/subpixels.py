@@ -18,7 +18,10 @@ OFFSETS = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixe
 # Filters: the part that those of all programs have in common, and the widest, of five taps, which is that twice.
 NARROW = np.ones(3) / 3.0
 WIDE = np.convolve(NARROW, NARROW)
-DRIFT = 4.0  # levels by which the rows of a ground may differ from each other over three px, and the ends of one
+DRIFT = 4.0  # levels by which a row of a ground may differ from the next, and its ends from each other
+LETTER = (
+    20  # px of a small letter, 5 high and 4 wide with its fringes: a few pixels' colours are in that order by chance
+)
 ALIKE = 0.1  # share by which the contrasts of two parts with one fill may differ
 
 
@@ -46,19 +49,20 @@ class _Parts:
 def without_subpixels(levels: np.ndarray) -> np.ndarray:
     """Return a picture (H, W, 4) in levels with its LCD text anti-aliased by whole pixels; the same array without any.
 
-    Text for certain has red and blue offset by 1/6 to 2/3 of a pixel (the difference of two pixels is less than the
-    slope between them), which explains half of the squares of its colour fringes; for parts with the fill of other
-    text, a quarter suffices.
+    Only opaque pixels are text. Text for certain is as large as a LETTER and has red and blue offset by 1/6 to 2/3 of a
+    pixel (the difference of two pixels is less than the slope between them), which explains half of the squares of its
+    colour fringes; for parts with the fill of other text, a quarter suffices.
     """
     colours = levels[..., :3]
-    if (levels[..., 3] < 255.0).any() or (colours == colours[..., :1]).all():
+    if (colours == colours[..., :1]).all():
         return levels
-    parts = _parts(colours)
+    parts = _parts(colours, levels[..., 3] == 255.0)
     if parts is None:
         return levels
     totals = parts.totals(parts.off)
     offset, explained = _offset(parts, totals, colours.shape[:2])
     likely = (np.abs(offset) > 1.0 / 6.0) & (np.abs(offset) < 2.0 / 3.0)
+    likely &= parts.sums(np.ones(len(parts.at))) >= LETTER
     sure = np.where(likely & (explained > 0.5), offset, 0.0)
     order = np.sign(sure @ (totals**2).sum(axis=1) ** 0.5)
     if order == 0.0:
@@ -74,12 +78,12 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     return out
 
 
-def _parts(colours: np.ndarray) -> _Parts | None:
-    """Return the parts of a picture (H, W, 3), with those of their rows that have about one colour on both sides, as on
-    buttons that get darker downwards; None if there are none.
+def _parts(colours: np.ndarray, opaque: np.ndarray) -> _Parts | None:
+    """Return the parts of a picture (H, W, 3) where it is opaque (H, W) bool, with those of their rows that have about
+    one colour on both sides, as on buttons that get darker downwards; None if there are none.
     """
-    even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= DRIFT)
-    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool))
+    even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= 2.0 * DRIFT)
+    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool)) | ~opaque
     at, values = np.flatnonzero(~even), colours.reshape(-1, 3)
     # Pixels that equal the ground on one side, as between two letters, are ground.
     for side in _beside(even, at):
