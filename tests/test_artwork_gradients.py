@@ -331,8 +331,30 @@ def test_shapes_beside_a_gradient_have_nothing_of_what_stood_for_it():
     assert recoloured(drawing, levels, None).shapes[1].fill == (40, 40, 60, 255)
     right = recoloured(drawing, levels, None)
     assert recoloured(right, levels, None) == right
+
+
+def test_a_shape_gets_a_gradient_that_it_lacks_and_a_fill_for_one_that_is_not_its_own():
+    drawing, levels = leaking()
+    ground, bar = drawing.shapes
+    flat = replace(drawing, shapes=(ground.filled((0, 0, 100, 255), 64, 48), bar))
+    found = recoloured(flat, levels, None)
+    # A fill that no gradient is beside has no part of one.
+    assert found.shapes[1] == bar
+    assert np.abs(255.0 * render_scene(scene_of(found)) - levels)[:, :20].max() <= 2.0
+    # Another shape has the gradient already.
+    half = Rectangle(32.0, 0.0, 32.0, 48.0)
+    found = recoloured(replace(drawing, shapes=(ground, replace(flat.shapes[0], outlines=(half,)))), levels, None)
+    assert found.shapes[1].gradient == ground.gradient
+    wrong = replace(bar, gradient=ground.gradient)
+    found = recoloured(replace(drawing, shapes=(ground, wrong)), levels, None)
+    assert found.shapes[0] == ground
+    assert (found.shapes[1].gradient, found.shapes[1].fill) == (None, (40, 40, 60, 255))
+
+
+def test_a_damaged_picture_adds_no_gradients():
+    drawing, levels = leaking()
     flat = replace(drawing, shapes=(drawing.shapes[0].filled((0, 0, 100, 255), 64, 48), drawing.shapes[1]))
-    assert recoloured(flat, levels, None) is flat
+    assert recoloured(flat, levels, Flattened(levels)) is flat
 
 
 def test_a_damaged_picture_changes_fills_only_by_what_stood_for_its_gradients():

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, e
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
-from cubicsplat_cli.scene.paint import Gradient, Rgba
+from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 
 AnyLine = TypeVar("AnyLine", Outline, Path)
 PRICE = 4.0  # nats that a number of a drawing costs in its description
@@ -55,6 +55,11 @@ class Shape:
     def filled(self, fill: Rgba, width: int, height: int) -> Shape:
         """Return the shape in a flat fill, with its name on a canvas of width x height px."""
         return replace(self, fill=fill, gradient=None, name=shape_name(fill, self.outlines, width, height))
+
+    def shaded(self, gradient: Gradient, width: int, height: int) -> Shape:
+        """Return the shape in a gradient alone, or in a fill if that has one colour, named as by `filled`."""
+        plain = replace(self.filled(mean_fill(gradient), width, height), over=())
+        return plain if len({stop.colour for stop in gradient.stops}) == 1 else replace(plain, gradient=gradient)
 
     def stroked(self, stroke: Stroke) -> Shape:
         """Return the shape as a stroke."""

@@ -55,7 +55,6 @@ from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, mean_fill
 
 # A clean picture whose longer side has fewer px than TRACED is traced in as many times the detail as it is smaller, to
 # SMALLEST: artists draw as many pieces at any size, and a surplus piece is easier to remove than to insert.
@@ -319,11 +318,5 @@ def _painted(drawing: Drawing) -> Drawing:
     size = drawing.width, drawing.height
     shapes = list[Shape]()
     for shape in drawing.shapes:
-        shapes += [_of_gradient(shape, g, *size) for g in (shape.gradient, *shape.over) if g] or [shape]
+        shapes += [shape.shaded(g, *size) for g in (shape.gradient, *shape.over) if g] or [shape]
     return replace(drawing, shapes=tuple(shapes))
-
-
-def _of_gradient(shape: Shape, gradient: Gradient, width: int, height: int) -> Shape:
-    """Return a shape of one gradient, or of a fill if that has one colour."""
-    filled = replace(shape.filled(mean_fill(gradient), width, height), over=())
-    return filled if len({stop.colour for stop in gradient.stops}) == 1 else replace(filled, gradient=gradient)
