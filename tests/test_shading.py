@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from dataclasses import replace
@@ -16,9 +17,10 @@ from test_svg_viewers import AGREEMENT_DB, in_chromium
 
 from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.scene import picture_of
-from cubicsplat_cli.artwork.shading import objects_of, silhouettes
+from cubicsplat_cli.artwork.shading import objects_of, silhouettes, surfaces_of
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
@@ -26,7 +28,7 @@ from cubicsplat_cli.evaluate.perceptual import metric
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.from_options import request_of
-from cubicsplat_cli.pipeline.shaded import PX_PER_CURVE, shade_objects, shaded_objects
+from cubicsplat_cli.pipeline.shaded import PX_PER_CURVE, shade_objects, shade_surfaces, shaded_objects
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import EngineScene, Pass
@@ -80,7 +82,7 @@ def svg(drawing) -> str:
 
 def levels_off(picture: np.ndarray, text: str) -> np.ndarray:
     """(H, W) mean levels by which cairosvg's picture is off, over white."""
-    pixels = rerender(text.encode(), SIDE, SIDE).pixels / 255.0
+    pixels = rerender(text.encode(), picture.shape[1], picture.shape[0]).pixels / 255.0
     over = pixels[..., :3] * pixels[..., 3:] + 1.0 - pixels[..., 3:]
     return 255.0 * np.abs(over - (picture[..., :3] + 1.0 - picture[..., 3:])).mean(axis=2)
 
@@ -366,3 +368,49 @@ def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
     assert work.interrupted
     assert len(made.shapes) == 2
     assert all(shape.shading is None for shape in made.shapes)
+
+
+def sign(shape: tuple[int, int] = (84, 120)) -> np.ndarray:
+    """(H, W, 4) levels of rings and a thin bar on shading that is no gradient."""
+    y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
+    lights = [np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 1800.0) for cx, cy in ((20, 15), (105, 30), (55, 80))]
+    levels = np.stack([110 + 120 * lights[0], 70 + 130 * lights[1], 150 + 100 * lights[2]], axis=2)
+    for middle in (24.0, 48.0, 72.0, 96.0):
+        ring = np.clip(2.0 - np.abs(np.hypot(x - middle, y - 34.0) - 9.5), 0.0, 1.0)[..., None]
+        levels = levels + ring * (255.0 - levels)
+    levels[60:63, 20:100] = 255.0
+    return np.dstack([np.rint(levels), np.full(shape, 255.0)]).astype(np.float32)
+
+
+def as_jpeg(levels: np.ndarray, quality: int) -> np.ndarray:
+    stream = io.BytesIO()
+    Image.fromarray(levels[..., :3].astype(np.uint8)).save(stream, "JPEG", quality=quality)
+    return np.dstack([np.asarray(Image.open(stream)), np.full(levels.shape[:2], 255)]).astype(np.float32)
+
+
+def test_a_surface_is_what_no_gradient_explains_and_goes_on_in_the_holes_of_letters():
+    levels = sign()
+    (surface,) = surfaces_of(levels, Condition())
+    white = (levels == 255.0).all(axis=2)
+    assert not (surface.mask & white).any()
+    assert surface.mask[33:35, [24, 48, 72, 96]].all()
+    assert np.abs(surface.colours[surface.mask] - levels[surface.mask]).max() <= 8.0
+    across = np.linspace(0.0, 255.0, 120)[None, :, None] * np.ones((84, 1, 3))
+    assert surfaces_of(np.dstack([across, np.full((84, 120), 255.0)]).astype(np.float32), Condition()) == []
+
+
+@pytest.mark.parametrize(("quality", "most"), [(None, 3.0), (92, 6.0)])
+def test_what_lies_on_a_surface_is_drawn_as_without_shading(quality, most):
+    plain = sign()
+    levels = plain if quality is None else as_jpeg(plain, quality)
+    drawing = shade_surfaces((levels, objects_of(levels)), QUICK)
+    assert drawing is not None and any(shape.shading for shape in drawing.shapes)
+    off = levels_off(plain / 255.0, write_drawing(drawing, title="", comment=""))
+    assert off[22:66, 12:108].mean() < most
+    assert sum(min(shape.fill) >= 240 for shape in drawing.shapes) >= 2
+
+
+def test_objects_that_hold_all_there_is_are_shaded_as_objects():
+    objects = shaded_objects(ball())
+    assert objects is not None and surfaces_of(objects[0], Condition())
+    assert shade_surfaces(objects, QUICK) is None

@@ -1,20 +1,35 @@
 """Objects of a shaded picture: areas within strong edges, however much the colours within change.
 
 `objects_of` finds them. `silhouettes` gives them flat fills, from which their outlines follow. `shown` tells their
-shares of pixels, and `base_paint` their flat fill or linear gradient.
+shares of pixels, and `base_paint` their flat fill or linear gradient. Where text and lines lie on smooth shading,
+`surfaces_of` finds that alone, and `without_surfaces` the picture without it, of which all else is drawn.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.shade import Ramp, Shade, gradient_of
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_placeholders
+from cubicsplat_cli.artwork.gradients.noisy import roughness
+from cubicsplat_cli.artwork.gradients.parts import part_of, smooth_parts, uneven_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Ramp, Shade, gradient_of
+from cubicsplat_cli.artwork.gradients.shades import shade_of
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import calm_pixels
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, SEEN
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.shadows.noisy import BLUR, SOFT_BEND
+from cubicsplat_cli.artwork.shadows.soft import inwards
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_paints
+from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_paints, part_spreads
+from cubicsplat_cli.raster.unmix import STRANGE
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
@@ -31,6 +46,8 @@ ANGLES, STOPS = 16, 4
 LEAST_GAIN = 4.0  # levels^2 of mean square error that each stop of a gradient must save, since less is invisible
 FEWEST = 8  # px that a gradient is fitted to
 FULL = 0.995  # share of a pixel that counts as all of it
+LEAST_SURFACE = 0.02  # share of a picture
+RINGING = 4  # px beside edges in which a JPEG's ringing is strongest, half of its blocks
 
 
 def objects_of(levels: np.ndarray) -> np.ndarray:
@@ -163,14 +180,78 @@ def _fills(opaque: np.ndarray) -> np.ndarray:
     return fills
 
 
+@record
+class Surface:
+    """Smooth shading that no gradient explains. mask: (H, W) bool, the pixels that show it; colours: (H, W, 4) levels,
+    continued beneath what lies on it."""
+
+    mask: np.ndarray
+    colours: np.ndarray
+
+
+def surfaces_of(levels: np.ndarray, condition: Condition) -> list[Surface]:
+    """Return the opaque surfaces of a picture (H, W, 4), premultiplied levels, of a condition, the largest first."""
+    rough, rim = 1.0, 0
+    parts, count = smooth_parts(levels)
+    if not condition.clean:
+        rough, rim, bend = roughness(condition), RINGING, SOFT_BEND
+        levels = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
+        parts, count = smooth_parts(levels, bend, np.inf)
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    out, free = list[Surface](), levels[..., 3] >= OPAQUE
+    for number in uneven_parts(sizes, spreads, math.ceil(LEAST_SURFACE * parts.size), LEAST_STEP):
+        part = part_of(levels, parts, number, boxes)
+        mask = (parts == number) & free
+        if mask.sum() < sizes[number - 1] or (shade_of(part.pixels).off(part.pixels) <= CLOSE * rough).mean() >= 0.5:
+            continue
+        # Letters have holes, in which it goes on.
+        off = largest(np.abs(_everywhere(levels, mask) - levels))
+        means = np.bincount(parts.ravel(), off.ravel(), count + 1) / np.maximum(np.append(1, sizes), 1)
+        mask |= ((means <= LEAST_STEP) & (np.append(0, sizes) > 0))[parts] & free
+        if rim:
+            mask = ndimage.binary_erosion(mask, ndimage.SQUARE, iterations=rim, border_value=1)
+        colours = _everywhere(levels, mask)
+        alike = free & (largest(np.abs(colours - levels)) <= SEEN * rough)
+        mask = ndimage.binary_propagation(mask, None, mask | alike)
+        free &= ~mask
+        out.append(Surface(mask, colours))
+    return out
+
+
+def _everywhere(levels: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return a picture (H, W, 4) that goes on smoothly beyond a mask (H, W) bool."""
+    return np.stack([inwards(channel, mask) for channel in np.moveaxis(levels, 2, 0)], axis=2)
+
+
+def without_surfaces(
+    levels: np.ndarray, surfaces: Sequence[Surface], condition: Condition
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a picture (H, W, 4) in levels, of a condition, with placeholders for its surfaces, and these (n, 4)."""
+    if condition.clean:
+        parts, line = smooth_parts(levels)[0], SEEN
+    else:
+        parts, line = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_AREA)[0], STRANGE
+    means = [np.rint(levels[surface.mask].mean(axis=0)) for surface in surfaces]
+    fills = np.array(placeholders(means, levels.reshape(-1, 4)))
+    paint = np.where(parts > 0, parts + len(surfaces) - 1, -1).astype(np.int32)
+    for number, surface in enumerate(surfaces):
+        paint[surface.mask] = number
+    colours = [partial(_at, surface.colours) for surface in surfaces]
+    return with_placeholders(levels, paint, colours, fills, line), fills
+
+
+def _at(colours: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return colours[y, x]
+
+
 def shown(drawing: Drawing) -> list[np.ndarray]:
-    """Return for each shape, all opaque, the share (H, W) of each pixel that it covers and no shape above does."""
+    """Return for each shape the share (H, W) of each pixel that it covers and no shape above does."""
     clear = np.ones((drawing.height, drawing.width))
     shares = []
     for shape in reversed(drawing.shapes):
         own = shape.coverage(0, 0, drawing.height, drawing.width)
         shares.append(own * clear)
-        clear = clear * (1.0 - own)
+        clear = clear * (1.0 - own * (shape.fill[3] / 255.0))
     return shares[::-1]
 
 

@@ -13,10 +13,22 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.finish.state import premultiplied
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
+from cubicsplat_cli.artwork.regions.fills import APART, SAME
+from cubicsplat_cli.artwork.shading import (
+    CLEAR,
+    FULL,
+    base_paint,
+    objects_of,
+    shown,
+    silhouettes,
+    surfaces_of,
+    without_surfaces,
+)
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
-from cubicsplat_cli.artwork.vectorize import draw_flat
+from cubicsplat_cli.artwork.vectorize import draw, draw_flat, prepare
 from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
 from cubicsplat_cli.files.decode import straight_colours
 from cubicsplat_cli.files.load import resampled
@@ -46,6 +58,8 @@ PRICE = 25.0
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels between a rough pixel and the mean of 3 x 3 px; shading never differs so much
 LEAST_SHADED = 0.1  # share of the objects' pixels that need more than paint
+# Share of the pixels on no surface whose colours are lost in objects: .04 to .25 of text on shading, .014 of 3D emoji.
+LEAST_LOST = 0.025
 EVEN = 5  # px each way of an object's inside
 REACH = 3  # px from a pixel at an edge to the pixel whose colour it takes
 PLAIN = 0.1  # share of an error's cost that is alike in all directions: CIEDE2000 is quadratic for small errors only
@@ -98,7 +112,7 @@ def shaded_drawing(task: Task) -> Made | None:
         return None
     most = int(request.shading) if request.shading.isdecimal() else math.inf
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
-        drawing = shade_objects(objects, task.settings(), most)
+        drawing = shade_surfaces(objects, task.settings(), most) or shade_objects(objects, task.settings(), most)
     made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
     return replace(made, interrupted=doing.interrupted)
 
@@ -120,19 +134,68 @@ def _fitted_scale(pixels: int) -> float:
     return min(1.0, math.sqrt(MOST_FITTED / pixels))
 
 
+def shade_surfaces(objects: Objects, settings: FitSettings, most: float = math.inf) -> Drawing | None:
+    """Draw a picture with at most `most` curves in each of its surfaces; all else is drawn as without shading. None
+    unless surfaces are most of it, and what lies on them would be lost in its objects.
+    """
+    levels, labels = objects
+    prepared = prepare(levels / np.float32(255.0))
+    if prepared.levels.shape != levels.shape:
+        return None
+    surfaces = surfaces_of(levels, prepared.condition)
+    beside = ~np.logical_or.reduce([np.zeros(labels.shape, dtype=bool), *(surface.mask for surface in surfaces)])
+    lost = largest(np.abs(255.0 * _softly(levels, labels) - levels)) > APART
+    if beside.mean() > 0.5 or not beside.any() or lost[beside].mean() < LEAST_LOST:
+        return None
+    flat, fills = without_surfaces(levels, surfaces, prepared.condition)
+    outlined = draw((flat / 255.0).astype(np.float32))
+    shares, goals = shown(outlined), list[np.ndarray | None]()
+    for shape, share in zip(outlined.shapes, shares, strict=True):
+        y, x = np.nonzero(share)
+        weights, seen, fill = share[y, x], levels[y, x], 255.0 * premultiplied(shape.fill)
+        off = [largest(np.abs(each.colours[y, x] - seen)) @ weights for each in surfaces]
+        own = largest(np.abs(fill - seen)) @ weights
+        gaps = largest(np.abs(fills - fill))
+        # Specks may have got only a share of what stands for a surface, and letters may have a colour like a surface's.
+        nearest = int(np.argmin(gaps if gaps.min() <= SAME else off))
+        shaded = gaps[nearest] <= SAME or off[nearest] < 0.5 * own
+        plain = not shaded or shape.gradient is not None or shape.stroke is not None
+        goals.append(None if plain else surfaces[nearest].colours[..., :3])
+    return _with_shading(outlined, shares, goals, np.zeros(3), settings, most)
+
+
 def shade_objects(objects: Objects, settings: FitSettings, most: float = math.inf) -> Drawing:
     """Draw objects with shading, with at most `most` curves each; some have none if the current work is stopped."""
     levels, labels = objects
     outlined = draw_flat(silhouettes(levels, labels))
-    straight, shares, shapes = straight_colours(levels), shown(outlined), list[Shape]()
-    for shape, share in zip(outlined.shapes, shares, strict=True):
-        fill, gradient = _paint_of(straight, share >= min(FULL, float(share.max())))
-        shapes.append(replace(shape.filled(fill, outlined.width, outlined.height), gradient=gradient))
+    straight, shares = straight_colours(levels), shown(outlined)
+    spread = np.zeros(3)
     with work().stoppable():
         spread = _spread(levels, straight, shares)
-        for index, share in enumerate(shares):
-            work().at("shading objects", 0.85 + 0.15 * index / len(shares))
-            shapes[index] = _shaded(straight, shapes[index], share, spread, settings, most)
+    return _with_shading(outlined, shares, [straight] * len(shares), spread, settings, most)
+
+
+def _with_shading(
+    outlined: Drawing,
+    shares: Sequence[np.ndarray],
+    goals: Sequence[np.ndarray | None],
+    spread: np.ndarray,
+    settings: FitSettings,
+    most: float,
+) -> Drawing:
+    """Return a drawing with the best paint, and shading, for its goals: the levels (H, W, 3) that a shape shows, None
+    where it stays as it is. shares: as of `shown`; spread: as of `_spread`, or zeros (3,). settings, most: as of
+    `shade_surfaces`.
+    """
+    shapes = list(outlined.shapes)
+    chosen = [(k, goal) for k, goal in enumerate(goals) if goal is not None and shares[k].any()]
+    for k, goal in chosen:
+        fill, gradient = _paint_of(goal, shares[k] >= min(FULL, float(shares[k].max())))
+        shapes[k] = replace(shapes[k].filled(fill, outlined.width, outlined.height), gradient=gradient)
+    with work().stoppable():
+        for done, (k, goal) in enumerate(chosen):
+            work().at("shading objects", 0.85 + 0.15 * done / len(chosen))
+            shapes[k] = _shaded(goal, shapes[k], shares[k], spread, settings, most)
     return replace(outlined, shapes=tuple(shapes))
 
 

@@ -168,11 +168,11 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
     beside = found[:, 0] == 0
     at, (row, column) = at[beside], np.divmod(places[beside, 0], width)
     behind = np.clip(2 * row - at // width, 0, height - 1), np.clip(2 * column - at % width, 0, width - 1)
-    smooth = _inwards(levels, known)
+    smooth = inwards(levels, known)
     values = np.where(known[behind], 2.0 * smooth[row, column] - smooth[behind], smooth[row, column])
     goal, fixed = smooth.copy(), known.copy()
     goal.ravel()[at], fixed.ravel()[at] = np.clip(values, 0.0, most), True
-    out = _inwards(goal, fixed)
+    out = inwards(goal, fixed)
     low, high = np.where(fixed, out - ALIKE, -np.inf), np.where(fixed, out + ALIKE, np.inf)
     for _ in range(ROUNDS):
         out = np.clip(ndimage.gaussian_filter(out, 1.0, truncate=3.0, mode="nearest"), low, high)
@@ -180,7 +180,7 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
     return whole
 
 
-def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
+def inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return levels (H, W), with the mean of the known levels nearby in pixels that are not known."""
     out, left, sigma = levels.astype(float), ~known, 1.0
     weights, values = known.astype(float), np.where(known, out, 0.0)
