@@ -340,6 +340,7 @@ def test_a_shape_gets_a_gradient_that_it_lacks_and_a_fill_for_one_that_is_not_it
     found = recoloured(flat, levels, None)
     # A fill that no gradient is beside has no part of one.
     assert found.shapes[1] == bar
+    assert recoloured(flat, levels, None, simpler=True) == flat
     assert np.abs(255.0 * render_scene(scene_of(found)) - levels)[:, :20].max() <= 2.0
     # Another shape has the gradient already.
     half = Rectangle(32.0, 0.0, 32.0, 48.0)

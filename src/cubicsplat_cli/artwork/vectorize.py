@@ -242,7 +242,8 @@ def _fitted(
     for version in chain([drawing], () if goal is None else simpler(drawing, goal, settings.detail)):
         painted = _painted(_with_strokes(version, goal, settings, outlined.error))
         leaks = None if prepared.condition.clean else outlined.flat
-        yield recoloured(painted, prepared.levels, leaks) if settings.free_fills else painted
+        simple = version is not drawing
+        yield recoloured(painted, prepared.levels, leaks, simpler=simple) if settings.free_fills else painted
 
 
 def _finished(

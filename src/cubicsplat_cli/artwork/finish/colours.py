@@ -31,11 +31,12 @@ ALONE = 0.99  # share of a pixel from which it shows a shape alone
 ROUNDED = 1.0 / 12.0  # levels^2 by which a picture's pixels are off at the least
 
 
-def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None) -> Drawing:
+def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, simpler: bool = False) -> Drawing:
     """The drawing with other opaque paints where the description of its picture (H, W, 4), premultiplied levels,
     becomes shorter by them: normal errors of any one size in the pixels of a shape, against the price of a paint. These
     are a fill, where there are gradients, the gradients of other shapes, and one of its own. flat: the gradients of a
-    damaged picture, whose fills are only freed of what stands for these; None for a clean one.
+    damaged picture, whose fills are only freed of what stands for these; None for a clean one. simpler: whether the
+    drawing is a simpler version, which gets no gradients that it has not.
     """
     if not drawing.shapes or (flat is not None and not drawing.gradients):
         return drawing
@@ -57,7 +58,8 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None) -> 
         shown = _Shown(x + left, y + top, share[y, x][:, None], off[window][y, x], shape)
         paints: list[tuple[Rgba | Gradient, float]] = [*(shown.fills(flat) if drawing.gradients else ())]
         if flat is None and shape.stroke is None:
-            paints += shown.gradients(others, levels)
+            paints += ((each, FILL_PARAMETERS / SHARE) for each in others if each != shape.gradient)
+            paints += () if simpler else shown.gradient(levels)
         lengths = [shown.length(shape.gradient or shape.fill), *(shown.length(*paint) for paint in paints)]
         if best := int(np.argmin(lengths)):
             paint = paints[best - 1][0]
@@ -113,11 +115,9 @@ class _Shown:
             best = fill + change
         yield eight_bit(np.append(best, 255.0)), FILL_PARAMETERS
 
-    def gradients(self, others: list[Gradient], levels: np.ndarray) -> Iterator[tuple[Gradient, float]]:
-        """Yield the gradients of other shapes, and that of the pixels that show the shape alone, with their parameters.
-        levels: (H, W, 4) the picture."""
-        # The errors of neighbouring pixels depend on each other.
-        yield from ((each, FILL_PARAMETERS / SHARE) for each in others if each != self.shape.gradient)
+    def gradient(self, levels: np.ndarray) -> Iterator[tuple[Gradient, float]]:
+        """Yield the gradient of the pixels (H, W, 4) in levels that show the shape alone, and its parameters; none if
+        they are few, or in the paint that it has."""
         alone = self.share[:, 0] > ALONE
         if alone.sum() < LEAST_AREA or float((self.off[alone] ** 2).mean()) <= CLOSE**2:
             return
