@@ -46,7 +46,7 @@ ANGLES, STOPS = 16, 4
 LEAST_GAIN = 4.0  # levels^2 of mean square error that each stop of a gradient must save, since less is invisible
 FEWEST = 8  # px that a gradient is fitted to
 FULL = 0.995  # share of a pixel that counts as all of it
-LEAST_SURFACE = 0.02  # share of a picture
+LEAST_SURFACE = 0.02  # share of a picture; smaller ones are drawn as all else
 RINGING = 4  # px beside edges in which a JPEG's ringing is strongest, half of its blocks
 
 
