@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, colours_of
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
@@ -117,9 +118,9 @@ class _Shown:
 
     def gradient(self, levels: np.ndarray) -> Iterator[tuple[Gradient, float]]:
         """Yield the gradient of the pixels (H, W, 4) in levels that show the shape alone, and its parameters; none if
-        they are few, or in the paint that it has."""
+        they are few, or most are in the paint that it has: what is left of halos beside edges is no gradient."""
         alone = self.share[:, 0] > ALONE
-        if alone.sum() < LEAST_AREA or float((self.off[alone] ** 2).mean()) <= CLOSE**2:
+        if alone.sum() < LEAST_AREA or float(np.median(largest(np.abs(self.off[alone])))) <= CLOSE:
             return
         x, y = self.x[alone], self.y[alone]
         shade = shade_of(Pixels(x + 0.5, y + 0.5, levels[y, x].astype(float)))
