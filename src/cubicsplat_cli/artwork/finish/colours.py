@@ -59,6 +59,7 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
         shown = _Shown(x + left, y + top, share[y, x][:, None], off[window][y, x], shape)
         paints: list[tuple[Rgba | Gradient, float]] = [*(shown.fills(flat) if drawing.gradients else ())]
         if flat is None and shape.stroke is None:
+            # The errors of neighbouring pixels depend on each other, so that a gradient has to save more.
             paints += ((each, FILL_PARAMETERS / SHARE) for each in others if each != shape.gradient)
             paints += () if simpler else shown.gradient(levels)
         lengths = [shown.length(shape.gradient or shape.fill), *(shown.length(*paint) for paint in paints)]
