@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from dataclasses import replace
@@ -10,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ctrl_c
+from image_files import recoded
 from PIL import Image
 from skimage import data
 from skimage.color import deltaE_ciede2000, rgb2lab
@@ -35,6 +35,7 @@ from cubicsplat_cli.raster.engine import EngineScene, Pass
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import LayeredScene, Scene
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -382,12 +383,6 @@ def sign(shape: tuple[int, int] = (84, 120)) -> np.ndarray:
     return np.dstack([np.rint(levels), np.full(shape, 255.0)]).astype(np.float32)
 
 
-def as_jpeg(levels: np.ndarray, quality: int) -> np.ndarray:
-    stream = io.BytesIO()
-    Image.fromarray(levels[..., :3].astype(np.uint8)).save(stream, "JPEG", quality=quality)
-    return np.dstack([np.asarray(Image.open(stream)), np.full(levels.shape[:2], 255)]).astype(np.float32)
-
-
 def test_a_surface_is_what_no_gradient_explains_and_goes_on_in_the_holes_of_letters():
     levels = sign()
     (surface,) = surfaces_of(levels, Condition())
@@ -402,7 +397,10 @@ def test_a_surface_is_what_no_gradient_explains_and_goes_on_in_the_holes_of_lett
 @pytest.mark.parametrize(("quality", "most"), [(None, 3.0), (92, 6.0)])
 def test_what_lies_on_a_surface_is_drawn_as_without_shading(quality, most):
     plain = sign()
-    levels = plain if quality is None else as_jpeg(plain, quality)
+    levels = plain
+    if quality is not None:
+        file = recoded(plain[..., :3].astype(np.uint8), quality=quality)
+        levels = with_channels(file.astype(np.float32), 4, 255.0)
     drawing = shade_surfaces((levels, objects_of(levels)), QUICK)
     assert drawing is not None and any(shape.shading for shape in drawing.shapes)
     off = levels_off(plain / 255.0, write_drawing(drawing, title="", comment=""))

@@ -191,12 +191,10 @@ class Surface:
 
 def surfaces_of(levels: np.ndarray, condition: Condition) -> list[Surface]:
     """Return the opaque surfaces of a picture (H, W, 4), premultiplied levels, of a condition, the largest first."""
-    rough, rim = 1.0, 0
-    parts, count = smooth_parts(levels)
+    rough = 1.0 if condition.clean else roughness(condition)
     if not condition.clean:
-        rough, rim, bend = roughness(condition), RINGING, SOFT_BEND
         levels = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-        parts, count = smooth_parts(levels, bend, np.inf)
+    parts, count = smooth_parts(levels) if condition.clean else smooth_parts(levels, SOFT_BEND, np.inf)
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     out, free = list[Surface](), levels[..., 3] >= OPAQUE
     for number in uneven_parts(sizes, spreads, math.ceil(LEAST_SURFACE * parts.size), LEAST_STEP):
@@ -205,22 +203,17 @@ def surfaces_of(levels: np.ndarray, condition: Condition) -> list[Surface]:
         if mask.sum() < sizes[number - 1] or (shade_of(part.pixels).off(part.pixels) <= CLOSE * rough).mean() >= 0.5:
             continue
         # Letters have holes, in which it goes on.
-        off = largest(np.abs(_everywhere(levels, mask) - levels))
-        means = np.bincount(parts.ravel(), off.ravel(), count + 1) / np.maximum(np.append(1, sizes), 1)
-        mask |= ((means <= LEAST_STEP) & (np.append(0, sizes) > 0))[parts] & free
-        if rim:
-            mask = ndimage.binary_erosion(mask, ndimage.SQUARE, iterations=rim, border_value=1)
-        colours = _everywhere(levels, mask)
+        off = largest(np.abs(inwards(levels, mask) - levels))
+        means = np.bincount(parts.ravel(), off.ravel(), count + 1) / np.append(np.inf, sizes)
+        mask |= (means <= LEAST_STEP)[parts] & (parts > 0) & free
+        if not condition.clean:
+            mask = ndimage.binary_erosion(mask, ndimage.SQUARE, iterations=RINGING, border_value=1)
+        colours = inwards(levels, mask)
         alike = free & (largest(np.abs(colours - levels)) <= SEEN * rough)
         mask = ndimage.binary_propagation(mask, None, mask | alike)
         free &= ~mask
         out.append(Surface(mask, colours))
     return out
-
-
-def _everywhere(levels: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, 4) that goes on smoothly beyond a mask (H, W) bool."""
-    return np.stack([inwards(channel, mask) for channel in np.moveaxis(levels, 2, 0)], axis=2)
 
 
 def without_surfaces(

@@ -181,14 +181,14 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
 
 
 def inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return levels (H, W), with the mean of the known levels nearby in pixels that are not known."""
-    out, left, sigma = levels.astype(float), ~known, 1.0
-    weights, values = known.astype(float), np.where(known, out, 0.0)
-    while left.any() and sigma < max(levels.shape):
+    """Return levels (H, W) or (H, W, C), with the mean of the known levels nearby in pixels not known, (H, W) bool."""
+    out, left, sigma = levels.reshape(*known.shape, -1).astype(float), ~known, 1.0
+    weights, values = known.astype(float), np.where(known[..., None], out, 0.0)
+    while left.any() and sigma < max(known.shape):
         weights = ndimage.gaussian_filter(weights, sigma, truncate=3.0, mode="nearest")
-        values = ndimage.gaussian_filter(values, sigma, truncate=3.0, mode="nearest")
+        values = ndimage.gaussian_filter(values, (sigma, sigma, 0.0), truncate=3.0, mode="nearest")
         now = left & (weights > 1e-3)
-        out[now] = values[now] / weights[now]
+        out[now] = values[now] / weights[now][:, None]
         left &= ~now
         sigma *= 2.0
-    return out
+    return out.reshape(levels.shape)
