@@ -216,12 +216,7 @@ def _filtered(operation: int, values: np.ndarray, windows: Iterable[_Window], mo
 
 def _enclosed(pixels: np.ndarray, outside: np.ndarray | None = None) -> np.ndarray:
     """Return (H, W) bool: the parts of a mask that reach neither the border nor the pixels `outside`, None for none."""
-    parts, count = label(pixels)
-    opened = np.zeros(count + 1, dtype=bool)
-    opened[0] = True
-    for seen in (parts[:1], parts[-1:], parts[:, :1], parts[:, -1:], parts[:0] if outside is None else parts[outside]):
-        opened[seen] = True
-    return ~opened[parts]
+    return _native("cs_enclosed", *pixels.shape, pixels, outside, Out(pixels.shape, bool))
 
 
 def _mask(pixels: np.ndarray) -> np.ndarray:

@@ -151,6 +151,23 @@ def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height:
     return native("shapes", "cs_coverage", *given, Out((height, width)))
 
 
+def misplaced(
+    cubics: np.ndarray, lines: np.ndarray, corner: tuple[int, int], may: np.ndarray, box: tuple[slice, slice],
+    must: np.ndarray, besides: np.ndarray | None,
+) -> np.ndarray:  # fmt: skip
+    """Return (k, 2) middles x, y of the pixels of a window that closed outlines wrongly enclose by more than half, or
+    wrongly do not.
+
+    cubics, lines: as of `coverage`. corner: the top and left of the window, px. may: (h, w) bool of the window, what
+    they may enclose. box: rows and columns of the window; must, besides: bool of these, what they must enclose, and
+    what else they may, None for nothing.
+    """
+    top, left = corner
+    ends = int64s([*(side.start for side in box), *(side.stop for side in box)])
+    given = len(cubics), doubles(cubics), bools(lines), left, top, *may.shape, bools(may), ends, bools(must)
+    return native("shapes", "cs_misplaced", *given, besides, Out((may.size, 2)), result=c_int64)
+
+
 @record
 class FittedContour:
     """An outline fitted to a contour. form: CIRCLE, ELLIPSE or BOX, or -1 for a ring of anchors (A, 2) px, controls

@@ -49,22 +49,49 @@ class Layer:
 
 class State:
     """A drawing against its picture. layers: back to front; goal: what they are fitted to; previous: a state of the
-    same goal, of which unchanged parts are not drawn again; over: layers that stay as they are, see `DrawnStack`.
-    outlines: of all layers; pieces: (outlines + 1,) where those of each begin; drawn: these, and stack: they, as drawn.
+    same goal, of which unchanged parts are not drawn again; over: layers that stay as they are, see `DrawnStack`;
+    changed: the outlines, by number, that alone differ from the previous state's, in as many pieces; None for any.
+
+    outlines: of all layers; places: the layer of each, and its number there; pieces: (outlines + 1,) where those of
+    each begin; owners: (pieces,) the outline of each piece; drawn: the pieces, and stack: they, as drawn.
     """
 
     def __init__(
-        self, layers: list[Layer], goal: Goal, previous: State | None = None, over: Over | None = None
+        self,
+        layers: list[Layer],
+        goal: Goal,
+        previous: State | None = None,
+        over: Over | None = None,
+        changed: Mapping[int, Parameters] | None = None,
     ) -> None:
         self.layers, self.goal, self.over = layers, goal, over
-        self.outlines = [o for layer in layers for o in layer.outlines]
-        cubics, lines = [o.cubics for o in self.outlines], [o.lines for o in self.outlines]
-        sizes, signs = [*map(len, lines)], [sign for layer in layers for sign in layer.signs]
-        self.pieces = np.cumsum([0, *sizes])
-        ends = self.pieces[np.cumsum([len(layer.outlines) for layer in layers])].astype(np.int32)
-        fills = np.concatenate([layer.fill for layer in layers]).reshape(-1, 4)
-        self.drawn = StackPieces(ends, np.concatenate(cubics), np.concatenate(lines), np.repeat(signs, sizes), fills)
+        if previous is None or changed is None:
+            self._gather()
+        else:
+            self._follow(previous, changed)
         self.stack: DrawnStack = DrawnStack(self.drawn, goal, previous.stack if previous else None, over)
+
+    def _gather(self) -> None:
+        """Number the outlines of the layers and their pieces."""
+        self.outlines = [o for layer in self.layers for o in layer.outlines]
+        self.places = [(n, place) for n, layer in enumerate(self.layers) for place in range(len(layer.outlines))]
+        cubics, lines = [o.cubics for o in self.outlines], [o.lines for o in self.outlines]
+        sizes, signs = [*map(len, lines)], [sign for layer in self.layers for sign in layer.signs]
+        self.pieces = np.cumsum([0, *sizes])
+        self.owners = np.repeat(np.arange(len(sizes)), sizes)
+        ends = self.pieces[np.cumsum([len(layer.outlines) for layer in self.layers])].astype(np.int32)
+        fills = np.concatenate([layer.fill for layer in self.layers]).reshape(-1, 4)
+        self.drawn = StackPieces(ends, np.concatenate(cubics), np.concatenate(lines), np.repeat(signs, sizes), fills)
+
+    def _follow(self, previous: State, changed: Mapping[int, Parameters]) -> None:
+        """Take over the numbers of another state: most steps move few of many outlines."""
+        self.outlines, self.places = list(previous.outlines), previous.places
+        self.pieces, self.owners = previous.pieces, previous.owners
+        cubics, lines = previous.drawn.cubics.copy(), previous.drawn.lines.copy()
+        for k, outline in changed.items():
+            own = slice(self.pieces[k], self.pieces[k + 1])
+            self.outlines[k], cubics[own], lines[own] = outline, outline.cubics, outline.lines
+        self.drawn = replace(previous.drawn, cubics=cubics, lines=lines)
 
     def taken_back(self, before: State, worse: np.ndarray) -> State:
         """The state with the outlines of an earlier one where these are worse (outlines,) bool."""
@@ -76,7 +103,10 @@ class State:
 
     def with_outlines(self, changed: Mapping[int, Parameters]) -> State:
         """The state with other outlines by their numbers; itself where there are none."""
-        return self.with_layers(self.layers_with(changed)) if changed else self
+        if not changed:
+            return self
+        same = all(len(outline.lines) == len(self.outlines[k].lines) for k, outline in changed.items())
+        return State(self.layers_with(changed), self.goal, self, self.over, changed if same else None)
 
     def layers_with(self, changed: Mapping[int, Parameters]) -> list[Layer]:
         """The layers with other outlines by their numbers."""
@@ -87,16 +117,6 @@ class State:
                 layers[number] = replace(layers[number], outlines=list(layers[number].outlines))
             layers[number].outlines[place] = outline
         return layers
-
-    @cached_property
-    def places(self) -> list[tuple[int, int]]:
-        """(outlines,) the layer of each, and its number there."""
-        return [(n, place) for n, layer in enumerate(self.layers) for place in range(len(layer.outlines))]
-
-    @cached_property
-    def owners(self) -> np.ndarray:
-        """(pieces,) the outline of each piece."""
-        return np.repeat(np.arange(len(self.outlines)), np.diff(self.pieces))
 
     @cached_property
     def clockwise(self) -> np.ndarray:

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask
+from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask, misplaced
 from cubicsplat_cli.record import record
 
 UNDERLAP = 3  # px that a layer reaches under its upper neighbours, so that no hairline shows
@@ -96,12 +96,6 @@ def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarra
     return (slice(y, bottom), slice(x, right)), inside
 
 
-def _within(box: tuple[slice, slice], rows: slice, columns: slice) -> tuple[slice, slice]:
-    """A box, rows and columns, in px of one that holds it."""
-    (y, x), top, left = box, rows.start, columns.start
-    return slice(y.start - top, y.stop - top), slice(x.start - left, x.stop - left)
-
-
 @record
 class Window:
     """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
@@ -167,23 +161,14 @@ class Window:
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
-        ring = outline.ring()
+        ring, corner = outline.ring(), (self.extent.top, self.extent.left)
+        within = misplaced(ring.cubics, ring.lines, corner, self.may, self.box, self.must, self.besides)
+        # Points beyond the window, though on the canvas; none where no control point is beyond.
+        low = np.array(corner[::-1]) - 1.0
+        high = low + self.may.shape[::-1] + 2.0
+        if not ((ring.cubics < low) | (ring.cubics > high)).any():
+            return within
         points = dense(flattened(ring, 1.0), 1.0)
-        reached, own = enclosed(ring, self.extent)
-        both = zip(self.box, reached, strict=True)
-        rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
-        own_box, own_part = (_within(each, rows, columns) for each in (self.box, reached))
-        may = self.may[rows, columns]
-        if self.besides is not None:
-            may = may.copy()
-            may[own_box] |= self.besides
-        off = np.zeros(may.shape, dtype=bool)
-        off[own_box] = self.must
-        off[own_part] = np.where(own, ~may[own_part], off[own_part])
-        y, x = np.divmod(np.flatnonzero(off), columns.stop - columns.start)  # faster than `nonzero`
-        within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
-        # Points beyond the window, though on the canvas.
-        low = np.array([self.extent.left, self.extent.top])
-        beyond = ((points < low - 1.0) | (points > low + self.may.shape[::-1] + 1.0)).any(axis=1)
+        beyond = ((points < low) | (points > high)).any(axis=1)
         astray = beyond & ((points > 0.0) & (points < self.canvas[::-1])).all(axis=1)
         return np.concatenate([within, points[astray]])

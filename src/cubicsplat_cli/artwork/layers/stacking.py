@@ -83,9 +83,12 @@ class _Facts:
         # The regions that each one lies above, and those that it is taken to lie above.
         self.beneath: dict[int, set[int]] = defaultdict(set)
         self.assumed: dict[int, set[int]] = defaultdict(set)
+        self.known: dict[int, set[int]] = defaultdict(set)  # of which it is known or taken which of the two lies above
         for above, below in self.votes:
-            if self.vote(above, below) > 0.0:
+            if (vote := self.vote(above, below)) > 0.0:
                 self.beneath[above].add(below)
+            if vote != 0.0:
+                self._know(above, below)
 
     def enclosing(self, region: int) -> Iterator[int]:
         """The regions that enclose one, the innermost first, and of the ground each piece."""
@@ -96,11 +99,16 @@ class _Facts:
 
     def assume(self, above: np.ndarray, below: np.ndarray) -> None:
         """Takes regions to lie above others, where nothing is known of the two."""
+        lower = set(below.tolist())
         for i in above.tolist():
-            for j in below.tolist():
-                if self.vote(i, j) == 0.0:
-                    self.votes[i, j] += JOINED
-                    self.assumed[i].add(j)
+            for j in lower - self.known[i]:
+                self.votes[i, j] += JOINED
+                self.assumed[i].add(j)
+                self._know(i, j)
+
+    def _know(self, i: int, j: int) -> None:
+        self.known[i].add(j)
+        self.known[j].add(i)
 
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
@@ -211,12 +219,12 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     held, inner = held_by_hull(facts.regions.borders.labels, window, own)
     names = np.flatnonzero(held)
     sizes = held[names]
-    sure, likely = np.zeros((2, facts.regions.count), dtype=bool)
-    for lying, of in ((sure, facts.beneath), (likely, facts.assumed)):
-        for m in members.tolist():
-            lying[list(of.get(m, ()))] = True
-    shut = facts.clear[names] | sure[names]
-    doubtful = likely[names] & ~shut
+    sure, likely = (
+        np.isin(names, [*set().union(*(of[m] for m in members.tolist() if m in of))])
+        for of in (facts.beneath, facts.assumed)
+    )
+    shut = facts.clear[names] | sure
+    doubtful = likely & ~shut
     # Outlines are only known to a pixel here, so what lies along the hull's rim may be exposed, and a little within.
     rim = EXPOSED * _area(window) + 0.02 * sizes.sum()
     exposed = inner[names[shut | doubtful]].sum()

@@ -1,5 +1,9 @@
 // What outlines cover of pixels, without derivatives.
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
+#include <vector>
 
 #include "abi.h"
 #include "stack_trace.h"
@@ -12,6 +16,28 @@ void trace(int64_t pieces, const double* cubics, const uint8_t* lines, Window& w
   Crossings crossings(none, 0, 0);
   Tracer tracer(window, crossings, 0);
   for (int64_t n = 0; n < pieces; n++) tracer.piece(cubics + 8 * n, lines[n] != 0, 1.0);
+}
+
+// Rows and columns, those at the ends not included.
+struct Box {
+  int64_t top, left, bottom, right;
+
+  bool has(int64_t y, int64_t x) const { return y >= top && y < bottom && x >= left && x < right; }
+  int64_t place(int64_t y, int64_t x) const { return (y - top) * (right - left) + x - left; }
+};
+
+// The rows and columns of a window, its corner at (left, top), that closed outlines reach.
+Box reached(int64_t pieces, const double* cubics, int64_t left, int64_t top, int64_t height, int64_t width) {
+  double low[2], high[2];
+  std::fill(low, low + 2, std::numeric_limits<double>::infinity());
+  std::fill(high, high + 2, -std::numeric_limits<double>::infinity());
+  for (int64_t n = 0; n < 8 * pieces; n++) {
+    low[n % 2] = std::min(low[n % 2], cubics[n]);
+    high[n % 2] = std::max(high[n % 2], cubics[n]);
+  }
+  const auto within = [](double at, int64_t size) { return int64_t(std::clamp(at, 0.0, double(size))); };
+  return {within(std::floor(low[1]) - double(top), height), within(std::floor(low[0]) - double(left), width),
+          within(std::ceil(high[1]) - double(top), height), within(std::ceil(high[0]) - double(left), width)};
 }
 
 }  // namespace
@@ -27,6 +53,37 @@ CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_
     cs::stack::Window window{int(left), int(top), int(width), int(height), {}};
     cs::stack::trace(pieces, cubics, lines, window);
     window.finish(out);
+  });
+}
+
+// The middles, x and y, of the pixels of a window that closed outlines enclose by more than half, though they may not,
+// or do not enclose, though they must, row by row. may: height x width of the window, its corner at (left, top). box:
+// top, left, bottom and right, in the window, of must and besides, what else they may enclose there, or null. out: room
+// for all pixels of the box and of what the outlines reach. Returns how many, or -1 without memory.
+CS_EXPORT int64_t cs_misplaced(int64_t pieces, const double* cubics, const uint8_t* lines, int64_t left, int64_t top,
+                               int64_t height, int64_t width, const uint8_t* may, const int64_t* box,
+                               const uint8_t* must, const uint8_t* besides, double* out) {
+  return cs::counted([&] {
+    const cs::stack::Box needed{box[0], box[1], box[2], box[3]};
+    const cs::stack::Box own = cs::stack::reached(pieces, cubics, left, top, height, width);
+    cs::stack::Window window{int(left + own.left), int(top + own.top), int(own.right - own.left),
+                             int(own.bottom - own.top), {}};
+    cs::stack::trace(pieces, cubics, lines, window);
+    std::vector<double> covered(size_t(window.width) * window.height);
+    window.finish(covered.data());
+    int64_t count = 0;
+    const int64_t bottom = std::max(own.bottom, needed.bottom), right = std::max(own.right, needed.right);
+    for (int64_t y = std::min(own.top, needed.top); y < bottom; y++)
+      for (int64_t x = std::min(own.left, needed.left); x < right; x++) {
+        const bool here = needed.has(y, x);
+        bool wrong = here && must[needed.place(y, x)];
+        if (own.has(y, x) && covered[own.place(y, x)] > 0.5)
+          wrong = !may[y * width + x] && !(here && besides && besides[needed.place(y, x)]);
+        if (!wrong) continue;
+        out[2 * count] = double(left + x) + 0.5, out[2 * count + 1] = double(top + y) + 0.5;
+        count++;
+      }
+    return count;
   });
 }
 }
