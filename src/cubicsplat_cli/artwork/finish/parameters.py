@@ -190,7 +190,12 @@ class Still:
 class PrimitiveParameters:
     """A circle, ellipse or rectangle: its own numbers; a rounded one keeps its corners round, a level one level."""
 
-    def __init__(self, shape: Circle | Ellipse | Rectangle, pinned: np.ndarray) -> None:
+    def __init__(
+        self,
+        shape: Circle | Ellipse | Rectangle,
+        pinned: np.ndarray,
+        drawn: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
         self.shape, self.pinned = shape, pinned
         self.values = np.array(_numbers(shape))
         self.free = np.ones(len(self.values), dtype=bool)
@@ -199,8 +204,7 @@ class PrimitiveParameters:
         if not isinstance(shape, Circle):
             self.free[-1] = shape.angle != 0.0
         self.free &= ~pinned
-        ring = shape.ring(FINE)
-        self.cubics, self.lines = ring.cubics, ring.lines
+        self.cubics, self.lines = drawn or _drawn(shape)
 
     @cached_property
     def jacobian(self) -> SparseRows:
@@ -213,10 +217,20 @@ class PrimitiveParameters:
         values[sides] = np.maximum(values[sides], PRECISION)
         if isinstance(self.shape, Rectangle):
             values[4] = np.clip(values[4], 0.0, 0.5 * values[sides].min())
-        return PrimitiveParameters(type(self.shape)(*values.tolist()), self.pinned)
+        shape = type(self.shape)(*values.tolist())
+        if shape.pieces != self.shape.pieces or not (isinstance(shape, Circle) or shape.angle == 0.0):
+            return PrimitiveParameters(shape, self.pinned)
+        # Points are linear in all numbers but the angle.
+        change = self.jacobian.times((values - self.values)[self.free]).reshape(self.cubics.shape)
+        return PrimitiveParameters(shape, self.pinned, (self.cubics + change, self.lines))
 
     def outline(self) -> Outline:
         return self.shape
+
+
+def _drawn(shape: Circle | Ellipse | Rectangle) -> tuple[np.ndarray, np.ndarray]:
+    ring = shape.ring(FINE)
+    return ring.cubics, ring.lines
 
 
 def _numbers(shape: Circle | Ellipse | Rectangle) -> list[float]:

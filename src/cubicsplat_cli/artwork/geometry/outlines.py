@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -146,7 +147,7 @@ class Ellipse:
 
     def ring(self, arcs: int = 4) -> Ring:
         """Return a ring of so many cubics, from the end of the first half-axis on, towards growing angles."""
-        unit = arc(0.0, 2.0 * math.pi, arcs)
+        unit = _turn(0.0, arcs)
         return ring_of_cubics(unit * [self.rx, self.ry] @ turn_matrix(self.angle) + [self.cx, self.cy])
 
 
@@ -185,9 +186,9 @@ class Rectangle:
         if self.radius <= 0.0:
             return polygon(_CORNERS * half @ turn + middle)
         # The bend at the end of each side.
-        bends = self.radius * arc(-0.5 * math.pi, 1.5 * math.pi, arcs).reshape(4, -1, 4, 2)
+        bends = self.radius * _turn(-0.5 * math.pi, arcs).reshape(4, -1, 4, 2)
         bends = bends + following(_CORNERS * (half - self.radius))[:, None, None]
-        starts, ends = np.roll(bends[:, -1, 3:], 1, axis=0), bends[:, 0, :1]
+        starts, ends = np.concatenate([bends[-1:, -1, 3:], bends[:-1, -1, 3:]]), bends[:, 0, :1]
         sides = np.concatenate([starts, thirds(starts[:, 0], ends[:, 0]), ends], axis=1)
         cubics = np.concatenate([sides[:, None], bends], axis=1).reshape(-1, 4, 2) @ turn + middle
         return ring_of_cubics(cubics, np.arange(len(cubics)) % (len(cubics) // 4) == 0)
@@ -216,6 +217,14 @@ def arc(start: float, stop: float, count: int) -> np.ndarray:
     unit = np.stack([np.cos(at), np.sin(at)], axis=1)
     reach = 4.0 / 3.0 * np.tan((stop - start) / count / 4.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
     return np.stack([unit[:-1], (unit + reach)[:-1], (unit - reach)[1:], unit[1:]], axis=1)
+
+
+@lru_cache(maxsize=16)
+def _turn(start: float, count: int) -> np.ndarray:
+    """Return the cubics of the whole unit circle from an angle on, not to be written to."""
+    cubics = arc(start, start + 2.0 * math.pi, count)
+    cubics.flags.writeable = False
+    return cubics
 
 
 def following(points: np.ndarray) -> np.ndarray:

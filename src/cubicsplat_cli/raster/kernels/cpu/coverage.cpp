@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <vector>
 
@@ -40,6 +41,38 @@ Box reached(int64_t pieces, const double* cubics, int64_t left, int64_t top, int
           within(std::ceil(high[1]) - double(top), height), within(std::ceil(high[0]) - double(left), width)};
 }
 
+// Pixels of a row of a window, the last one not included.
+struct Run {
+  int64_t row, first, last;
+};
+
+// The runs of pixels that closed outlines cover by more than half, of a box of a window, its corner at (left, top).
+std::vector<Run> half_covered(int64_t pieces, const double* cubics, const uint8_t* lines, int64_t left, int64_t top,
+                              const Box& box) {
+  Window window{int(left + box.left), int(top + box.top), int(box.right - box.left), int(box.bottom - box.top), {}};
+  trace(pieces, cubics, lines, window);
+  std::vector<Span> spans;
+  std::vector<int64_t> rows;
+  std::vector<Turned> below;
+  window.finish(spans, rows, below);
+  std::vector<Run> out;
+  for (int64_t row = 0; row + 1 < int64_t(rows.size()); row++)
+    for (int64_t n = rows[row]; n < rows[row + 1]; n++)
+      if (spans[n].covered > 0.5f) out.push_back({box.top + row, spans[n].first - left, spans[n].last - left});
+  return out;
+}
+
+// Calls `found(place)` for the places from `first` to `last` at which a row has a byte.
+template <class Found>
+void each_byte(const uint8_t* row, int64_t first, int64_t last, int byte, const Found& found) {
+  while (first < last) {
+    const void* at = std::memchr(row + first, byte, size_t(last - first));
+    if (!at) return;
+    first = static_cast<const uint8_t*>(at) - row;
+    found(first++);
+  }
+}
+
 }  // namespace
 }  // namespace cs::stack
 
@@ -66,23 +99,31 @@ CS_EXPORT int64_t cs_misplaced(int64_t pieces, const double* cubics, const uint8
   return cs::counted([&] {
     const cs::stack::Box needed{box[0], box[1], box[2], box[3]};
     const cs::stack::Box own = cs::stack::reached(pieces, cubics, left, top, height, width);
-    cs::stack::Window window{int(left + own.left), int(top + own.top), int(own.right - own.left),
-                             int(own.bottom - own.top), {}};
-    cs::stack::trace(pieces, cubics, lines, window);
-    std::vector<double> covered(size_t(window.width) * window.height);
-    window.finish(covered.data());
+    const auto spans = cs::stack::half_covered(pieces, cubics, lines, left, top, own);
     int64_t count = 0;
-    const int64_t bottom = std::max(own.bottom, needed.bottom), right = std::max(own.right, needed.right);
-    for (int64_t y = std::min(own.top, needed.top); y < bottom; y++)
-      for (int64_t x = std::min(own.left, needed.left); x < right; x++) {
-        const bool here = needed.has(y, x);
-        bool wrong = here && must[needed.place(y, x)];
-        if (own.has(y, x) && covered[own.place(y, x)] > 0.5)
-          wrong = !may[y * width + x] && !(here && besides && besides[needed.place(y, x)]);
-        if (!wrong) continue;
-        out[2 * count] = double(left + x) + 0.5, out[2 * count + 1] = double(top + y) + 0.5;
-        count++;
-      }
+    const auto add = [&](int64_t y, int64_t x) {
+      out[2 * count] = double(left + x) + 0.5, out[2 * count + 1] = double(top + y) + 0.5;
+      count++;
+    };
+    // Masks are of bytes 0 and 1.
+    const auto missed = [&](int64_t y, int64_t first, int64_t last) {
+      first = std::max(first, needed.left), last = std::min(last, needed.right);
+      if (y < needed.top || y >= needed.bottom || first >= last) return;
+      const uint8_t* row = must + needed.place(y, needed.left) - needed.left;
+      cs::stack::each_byte(row, first, last, 1, [&](int64_t x) { add(y, x); });
+    };
+    const auto enclosed = [&](int64_t y, int64_t first, int64_t last) {
+      cs::stack::each_byte(may + y * width, first, last, 0, [&](int64_t x) {
+        if (!(besides && needed.has(y, x) && besides[needed.place(y, x)])) add(y, x);
+      });
+    };
+    auto span = spans.begin();
+    for (int64_t y = std::min(own.top, needed.top); y < std::max(own.bottom, needed.bottom); y++) {
+      int64_t x = 0;
+      for (; span != spans.end() && span->row == y; x = (span++)->last)
+        missed(y, x, span->first), enclosed(y, span->first, span->last);
+      missed(y, x, width);
+    }
     return count;
   });
 }
