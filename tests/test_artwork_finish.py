@@ -110,7 +110,7 @@ def test_an_edge_that_moves_by_a_whole_pixel_is_judged_by_what_it_uncovers():
     lost = states[0].growth(states[1], np.ones(1, dtype=bool), 1)
     assert lost == pytest.approx(states[1].stack.cost - states[0].stack.cost) and lost > 0.0
     gained = states[0].gains(states[1], np.ones(1, dtype=bool))
-    assert gained == pytest.approx(-0.5 * lost / states[0].floor(0))
+    assert gained == pytest.approx(-0.5 * lost / states[0].floors[0])
 
 
 def test_a_refused_change_leaves_its_neighbours_where_they_were():

@@ -117,10 +117,9 @@ def or_finer(
     other = traced(plan, settings, flat, float(steps), steps)
     nearer = begin(other, goal)
     # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
-    chance = state.chance(slice(None))
-    falls = 0.5 * settings.detail * (state.stack.cost - nearer.stack.cost) * len(chance)
+    falls = 0.5 * settings.detail * (state.stack.cost - nearer.stack.cost) * len(state.chance)
     longer = PRICE * (MERGED * length(other) - length(drawing))
-    return (other, nearer) if falls > longer * float(chance.sum()) else (drawing, state)
+    return (other, nearer) if falls > longer * float(state.chance.sum()) else (drawing, state)
 
 
 def steps_of(height: int, width: int) -> int:

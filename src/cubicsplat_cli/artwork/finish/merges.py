@@ -114,7 +114,7 @@ class Visibility:
         c, own = state.stack.crossings, slice(state.marks[number], state.marks[number + 1])
         piece, t = c.piece[own] - state.pieces[number], c.t[own]
         order = np.lexsort((t, piece))
-        seen = state.effects(own) * SEEN_SIGMA**2 > UNSEEN
+        seen = state.effects[own] * SEEN_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order], state.goal.share_error)
 
     def weights(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -187,7 +187,7 @@ def _paying(before: State, after: State, plans: list[list[Merge]], detail: float
 
     def pays(merge: Merge, k: int) -> bool:
         number = judged.get(id(merge))
-        lost = 0.0 if number is None else 0.5 * float(grown[number]) / before.floor(k)
+        lost = 0.0 if number is None else 0.5 * float(grown[number]) / before.floors[k]
         return lost * detail < PRICE * merge.saved
 
     return [[merge for merge in plan if pays(merge, k)] for k, plan in enumerate(plans)]

@@ -87,7 +87,7 @@ def polish_closer(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
         return drawing
     with work().stoppable():
         state = begin(drawing, goal)
-        effects = state.effects(slice(None))
+        effects = state.effects
         shown = effects > SHOWN**2
         left = state.misfit[state.stack.crossings.pixel[shown]] / effects[shown]
         known = float(np.sqrt(left.mean())) if len(left) else np.inf
@@ -128,7 +128,7 @@ class Complaints:
     def of(cls, state: State) -> Complaints:
         """Return the complaints against the pieces of a drawing, numbered through all its outlines."""
         c = state.stack.crossings
-        chi = np.minimum(state.misfit[c.pixel] / state.chance(slice(None)), MOST_CHI) - 1.0
+        chi = np.minimum(state.misfit[c.pixel] / state.chance, MOST_CHI) - 1.0
         lengths = polygon_lengths(state.drawn.cubics)
         along, weight = c.t * lengths[c.piece], np.maximum(chi, 0.0)
         parts = chi, weight, weight * c.t, weight * (along < NEAR), weight * (along > lengths[c.piece] - NEAR)

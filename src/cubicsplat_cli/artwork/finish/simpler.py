@@ -66,7 +66,7 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
         if saved > 0.0:
             box = _around(boxes[number], others[number])
             grown = _squares(after, box) - _squares(state, box)
-            refused[number] = 0.5 * detail * grown > saved * state.floor(number)
+            refused[number] = 0.5 * detail * grown > saved * state.floors[number]
     return after.taken_back(state, refused)
 
 
@@ -85,7 +85,7 @@ def without_shapes(state: State, detail: float, worth: dict[int, float]) -> Stat
     boxes = np.array([_around(*own) for own in np.split(_boxes(state), firsts[1:])])
     there = np.ones(len(layers), dtype=bool)
     prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
-    floors = [state.floor(first) for first in firsts.tolist()]
+    floors = state.floors[firsts]
     in_question = [n for n, each in enumerate(layers) if worth.get(id(each.shape), 0.0) * detail < WORTHY]
     for group in apart(boxes, in_question):
         work().at()

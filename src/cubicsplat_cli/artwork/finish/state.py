@@ -149,30 +149,34 @@ class State:
         before, later = (np.where(which[owners], owners, -1) for owners in (self.owners, after.owners))
         return self.stack.growth(after.stack, before, later, len(which), spread, leaks)
 
-    def chance(self, crossed: slice) -> np.ndarray:
-        """Return (m,) the misfit that the pixels of some crossings have by chance. A blur spreads what an outline does
-        to either side of it; along the outline it hardly changes anything."""
+    @cached_property
+    def chance(self) -> np.ndarray:
+        """(m,) the misfit that the pixels of the crossings have by chance. A blur spreads what an outline does to
+        either side of it; along the outline it hardly changes anything."""
         taps = self.goal.taps
         left = float(2.0 * (taps**2).sum() - taps[0] ** 2)  # of a crossing's change, in squares; 1 without a blur
-        return self.goal.share_error**2 * left * self.effects(crossed) + self.goal.error**2 + ROUNDING
+        return self.goal.share_error**2 * left * self.effects + self.goal.error**2 + ROUNDING
 
-    def effects(self, crossed: slice) -> np.ndarray:
-        """Return (m,) the squares of how much the pixels of some crossings change with their coverage."""
-        return summed((self.stack.crossings.slope[crossed] * WHITE) ** 2)
+    @cached_property
+    def effects(self) -> np.ndarray:
+        """(m,) the squares of how much the pixels of the crossings change with their coverage."""
+        return summed((self.stack.crossings.slope * WHITE) ** 2)
 
-    def floor(self, number: int) -> float:
-        """Return the misfit that a pixel which an outline crosses has by chance."""
-        chance = self.chance(slice(self.marks[number], self.marks[number + 1]))
-        return float(np.median(chance)) if len(chance) else ROUNDING
+    @cached_property
+    def floors(self) -> np.ndarray:
+        """(outlines,) the misfit that the pixels which each crosses have by chance, the median of these."""
+        sizes = np.diff(self.marks)
+        order = np.lexsort((self.chance, np.repeat(np.arange(len(sizes)), sizes)))
+        middle = np.stack([self.marks[:-1] + (sizes - 1) // 2, self.marks[:-1] + sizes // 2])
+        floors, crossed = np.full(len(sizes), ROUNDING), sizes > 0
+        floors[crossed] = self.chance[order[middle[:, crossed]]].mean(axis=0)
+        return floors
 
     def gains(self, after: State, which: np.ndarray) -> np.ndarray:
         """Return (outlines,) by how much half of chi^2 falls on the pixels that some outlines (outlines,) bool cross
         before or after, and beside these: an edge that has moved from one row's border to the next crosses neither; 0
         for the others."""
-        gains = -0.5 * self.growth(after, which, max(1, self.spread))
-        for k in np.flatnonzero(which).tolist():
-            gains[k] /= self.floor(k)
-        return gains
+        return -0.5 * self.growth(after, which, max(1, self.spread)) / self.floors
 
 
 def goal_of(

@@ -136,7 +136,7 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
     gained = state.gains(trial, wanted)
     for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
-        known = 1.0 - state.goal.error**2 / state.floor(k)
+        known = 1.0 - state.goal.error**2 / state.floors[k]
         allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
         saved[k] += (gained[k] + allowed) * detail
     return families, saved

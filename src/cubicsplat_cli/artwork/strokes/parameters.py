@@ -146,9 +146,8 @@ def _lost(before: State, after: State, owners: np.ndarray, tried: np.ndarray) ->
     here, there = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
     group, other = (np.where(tried[own], own, -1) for own in (here, owners[there]))
     growth = before.stack.growth(after.stack, group, other, len(tried), before.spread)
-    first = np.cumsum([0, *(len(layer.outlines) for layer in before.layers)]).tolist()
-    floors = [before.floor(k) if own else 1.0 for k, own in zip(first, tried.tolist(), strict=False)]
-    return np.asarray(0.5 * growth / (PRICE * np.array(floors)))
+    first = np.cumsum([0, *(len(layer.outlines) for layer in before.layers[:-1])])
+    return 0.5 * growth / (PRICE * before.floors[first])
 
 
 def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer]:
