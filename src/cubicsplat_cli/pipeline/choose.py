@@ -1,10 +1,9 @@
 """Choose between photo and drawing: propose a result of one style, compare it with the other, keep the nearer.
 
-1. `_first` makes the style that is requested, or that `choose_style` measures; in doubt, the drawing. It may change to
-   the other style on the way: a drawing ends early if a quick photo or a shaded drawing is nearer
-   (`check_worth_finishing`), and a photo ends early if it stays far from its picture (`_photo_or_drawing`).
-2. `candidates` yields this result, compares it with the other style (`_nearer_photo`, `_nearer_drawing`), and yields
-   that one if it is nearer.
+1. `_first` makes the style that is requested, or that `choose_style` measures; in doubt, the drawing. A photo that will
+   stay far from its picture is doubtful too. A drawing ends early if a photo or a shaded drawing is nearer
+   (`check_worth_finishing`, `_check_beside_photo`).
+2. `candidates` yields this result; if that is a drawing, and the photo is nearer, then the photo (`_nearer_photo`).
 3. Wherever a photo would be made, a shaded drawing is made instead if no photo of as many bytes is nearer in colour
    (`_shaded_or_photo`).
 """
@@ -24,7 +23,7 @@ from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
-from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
+from cubicsplat_cli.pipeline.likeness import delta_e, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import (
     BYTES_PER_CURVE,
@@ -57,16 +56,16 @@ MAKERS = {PHOTO: fitted_photo, ARTWORK: drawn_artwork, PIXEL: drawn_pixels}
 def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
     """Yield one or two finished results; the second replaces the first.
 
-    The second comes only with the style "auto": it is the other style's result if that is nearer, or the first one with
-    a note on a comparison that failed. style: the result of `choose_style` for the target, if known.
+    The second comes only with the style "auto": it is a photo that is nearer than the drawing, or the drawing with a
+    note on a comparison that failed. style: the result of `choose_style` for the target, if known.
     """
     with task.working():
         made = _first(task, style)
     yield made
-    if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
+    if not made.may_be_photo or task.seconds_left() <= 0.0:
         return
     with task.working():
-        better = _nearer_photo(task, made) if made.may_be_photo else _nearer_drawing(task, made)
+        better = _nearer_photo(task, made)
     if better is not made:
         yield better
 
@@ -89,11 +88,19 @@ def _first(task: Task, style: Style | None) -> Made:
         if page is not None:
             return page
         check = partial(check_worth_finishing, task, or_shaded=True)
-        if (style.doubtful or better_drawn) and not task.bounded and task.recorder is None:
+        free, far = not task.bounded and task.recorder is None, None  # of what only a photo has
+        if style.name == PHOTO and free and not (style.doubtful or better_drawn):
+            if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
+                return shaded
+            if (expected := task.once(PhotoFit).expected()) < FAR_DB:
+                far = f"as a photo it has only {expected:.1f} dB"
+                style = replace(style, reason=f"{style.reason}, but {far}")
+        if free and (style.doubtful or better_drawn or far):
             style, check = replace(style, name=ARTWORK), partial(_check_beside_photo, task)
         if style.name == PHOTO:
-            return _photo_or_drawing(task, style)
-        return replace(drawn_outlines(task, check), style=style)
+            return _made(task, style)
+        made = replace(drawn_outlines(task, check), style=style)
+        return made.with_note(f"made as artwork: {far}") if far else made
     except DrawingGivenUp as reason:
         return _shaded_or_photo(task, style, str(reason))
     except UsageError:
@@ -243,74 +250,11 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
     return replace(drawing, interrupted=True) if photo.interrupted else photo
 
 
-def _nearer_drawing(task: Task, photo: Made) -> Made:
-    """Return the drawing if it is nearer than a photo far from the picture; else the photo, with a note on failures."""
-    level = _level_db(task, photo)
-    if level >= FAR_DB or photo.interrupted:
-        return photo
-    return _nearer_of(task, photo, _drawing_above(task, photo.style, level, SKETCH_DB))
-
-
-def _photo_or_drawing(task: Task, style: Style) -> Made:
-    """Make the photo of a picture. If the fit will end far from the picture, also make the drawing, and return that if
-    it is nearer by more than the estimate of the fit's end may be wrong.
-    """
-    if task.bounded or task.recorder is not None:
-        return replace(_made(task, style), may_be_drawn=not task.bounded)
-    if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
-        return shaded
-    fit = task.once(PhotoFit)
-    expected = fit.expected()
-    if expected >= FAR_DB:
-        return replace(fit.finished, style=style, may_be_drawn=True)
-    # The estimate may be too low by as much as a sketch may rise.
-    drawing = _drawing_above(task, style, expected, 0.0)
-    # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
-    if isinstance(drawing, Made) and (drawing.interrupted or _level_db(task, drawing) > expected + MARGIN_DB):
-        return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
-    return _nearer_of(task, replace(fit.finished, style=style), drawing)
-
-
 def _check_beside_photo(task: Task, sketch: Made) -> None:
     """Raise DrawingGivenUp if a sketch is farther in colour than an early look at the photo's fit: both come nearer."""
     scene, goes_on = task.once(PhotoFit).early()
     if not goes_on or _off(task, sketch) >= delta_e(task, scene, task.request.settings.finish_samples):
         raise DrawingGivenUp("an early look at a photo is as near as the drawing's sketch")
-
-
-def _drawing_above(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
-    """Draw a picture that looks like a photo, where a photo has a level in dB. Return None if a sketch lies below it by
-    more than its rise, an error if the drawing fails.
-    """
-
-    def check(sketch: Made) -> None:
-        if _level_db(task, sketch) <= level - rise_db:
-            raise DrawingGivenUp
-
-    try:
-        made = drawn_outlines(task, check)
-    except DrawingGivenUp:
-        return None
-    except Exception as error:
-        return error
-    return replace(made, style=Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
-
-
-def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Made:
-    """Return the drawing of a picture if it is nearer than the photo; else the photo, with a note on a failure."""
-    if isinstance(drawing, Exception):
-        return photo.with_note(f"the photo stays, since {_failure('artwork', drawing)}")
-    if drawing is None:
-        return photo
-    if drawing.interrupted:
-        return replace(photo, interrupted=True)
-    level = _level_db(task, photo)
-    return _drawing_instead(drawing, f"a photo has only {level:.1f} dB") if _level_db(task, drawing) > level else photo
-
-
-def _drawing_instead(drawing: Made, reason: str) -> Made:
-    """Return a drawing that replaces a photo for a reason, and is not compared again."""
-    return replace(drawing.with_note(f"made as artwork: {reason}"), may_be_photo=False)
 
 
 def _failure(style: str, error: Exception) -> str:
@@ -326,11 +270,6 @@ def _enough_db(drawing: Made) -> float:
     """Return the level of a drawing that has lost nothing, or nothing but noise or steps of its picture."""
     error = drawing.unavoidable_error / 255.0
     return min(ENOUGH_DB, decibels(error**2) - MARGIN_DB) if error else ENOUGH_DB
-
-
-def _level_db(task: Task, made: Made) -> float:
-    """Return the level of a result; see `likeness.level_db`."""
-    return level_db(task, made.scene, made.samples, made.blur, made.small)
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
