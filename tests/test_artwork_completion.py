@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import rest_slow
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from test_artwork_draw import box, disc
 
 from benchmarks.artwork.document import Document
@@ -22,7 +24,7 @@ from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.ndimage import holes_of
-from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.raster.outlines import coverage, misplaced
 
 FINE = 8
 
@@ -231,6 +233,20 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
     assert len(window.wrong(polygon(square))) == 0
     # Two sides go on until they meet, beyond the canvas.
     assert len(window.wrong(polygon(np.array([[10.0, 20.0], [20.0, -50.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]]))))
+
+
+@given(st.lists(st.tuples(*[st.floats(-4.0, 30.0)] * 2), min_size=3, max_size=8), st.integers(0, 999), st.booleans())
+def test_misplaced_is_what_an_outline_may_not_enclose_or_leaves_though_it_must(corners, seed, more):
+    ring, (top, left), box = polygon(np.array(corners)), (3, 2), (slice(2, 9), slice(4, 15))
+    may, must, besides = np.random.default_rng(seed).random((3, 16, 18)) < 0.5
+    must, besides = must[box], besides[box] & more
+    covered = coverage(ring.cubics, ring.lines, top, left, *may.shape)
+    assume(np.abs(covered - 0.5).min() > 1e-6)
+    allowed, wrong = may.copy(), np.zeros_like(may)
+    wrong[box], allowed[box] = must, may[box] | besides
+    wrong = np.where(covered > 0.5, ~allowed, wrong)
+    found = misplaced(ring.cubics, ring.lines, (top, left), may, box, must, besides if more else None)
+    assert (found == np.argwhere(wrong)[:, ::-1] + [left, top] + 0.5).all() and len(found) == wrong.sum()
 
 
 @pytest.mark.parametrize(("top", "left"), [(0, 0), (200, 200), (55, 55), (0, 200), (40, 45)])
