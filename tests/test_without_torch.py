@@ -118,10 +118,12 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     ids=str,
 )  # fmt: skip
 def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided):
-    """What protects the way of a GPU, all of whose steps outside the engine are those of this fit in tensors."""
+    """What protects the way of a GPU, all of whose steps outside the engine are those of this fit in tensors. After 40
+    steps a rounding of the picture changes the result as well.
+    """
     import torch
 
-    target, given = picture(), settings(steps=40, **changes)
+    target, given = picture(), settings(steps=20, **changes)
     inputs = FitInputs()
     if guided:
         start = FitLoop(target, settings(steps=20, curves=5, seed=3)).finish().scene
@@ -140,11 +142,11 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided):
         FitLoop(pixels, given, inputs=inputs, opened=lambda *_, **__: Noting(1)).finish()
         for pixels in (target, torch.from_numpy(target))
     )
-    assert drawn == [np.ndarray] * 40 + [torch.Tensor] * 40
+    assert drawn == [np.ndarray] * 20 + [torch.Tensor] * 20
     assert theirs.replaced == ours.replaced > 0
-    assert theirs.history[-1]["psnr_db"] == pytest.approx(ours.history[-1]["psnr_db"], abs=0.02)
+    assert theirs.history[-1]["psnr_db"] == pytest.approx(ours.history[-1]["psnr_db"], abs=0.005)
     assert theirs.scene.curves == ours.scene.curves
     for name, values in ours.scene.arrays_by_name().items():
         other = theirs.scene.arrays_by_name()[name]
         assert isinstance(other, np.ndarray)
-        assert np.median(np.abs(values - other)) <= 1e-3 * max(1.0, np.abs(values).max()), name
+        assert np.median(np.abs(values - other)) <= 1e-5 * max(1.0, np.abs(values).max()), name
