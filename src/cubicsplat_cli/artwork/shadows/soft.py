@@ -182,13 +182,14 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
 
 def inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return levels (H, W) or (H, W, C), with the mean of the known levels nearby in pixels not known, (H, W) bool."""
-    out, left, sigma = levels.reshape(*known.shape, -1).astype(float), ~known, 1.0
+    out, left, size = levels.reshape(*known.shape, -1).astype(float), ~known, 3
     weights, values = known.astype(float), np.where(known[..., None], out, 0.0)
-    while left.any() and sigma < max(known.shape):
-        weights = ndimage.gaussian_filter(weights, sigma, truncate=3.0, mode="nearest")
-        values = ndimage.gaussian_filter(values, (sigma, sigma, 0.0), truncate=3.0, mode="nearest")
+    while left.any() and size < 2 * max(known.shape):
+        for _ in range(2):  # means of means, which fall off with the distance
+            weights = ndimage.uniform_filter(weights, size, mode="nearest")
+            values = ndimage.uniform_filter(values, (size, size, 1), mode="nearest")
         now = left & (weights > 1e-3)
         out[now] = values[now] / weights[now][:, None]
         left &= ~now
-        sigma *= 2.0
+        size = 2 * size - 1
     return out.reshape(levels.shape)
