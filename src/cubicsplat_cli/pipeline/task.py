@@ -108,9 +108,8 @@ class Made:
     cubic in the engine's own picture. paths: the number of curves or shapes. facts: the style's own members of the
     report. style: the style, and why; set by `candidates`. interrupted: a Ctrl-C ended the work early. may_be_photo:
     a photo may be nearer to the picture, so the two are compared; true of all drawings but those of cells and scans.
-    of_scan: a drawing without the paper. blur: px of the
-    target's blur, which the drawing does not have. small: the target before it was enlarged, if it was.
-    unavoidable_error: as of `PreparedInput`.
+    of_scan: a drawing without the paper. blur: px of the target's blur, which the drawing does not have. small: the
+    target before it was enlarged, if it was. unavoidable_error: as of `PreparedInput`.
     """
 
     scene: AnyScene | None

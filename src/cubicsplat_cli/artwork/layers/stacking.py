@@ -83,12 +83,9 @@ class _Facts:
         # The regions that each one lies above, and those that it is taken to lie above.
         self.beneath: dict[int, set[int]] = defaultdict(set)
         self.assumed: dict[int, set[int]] = defaultdict(set)
-        self.known: dict[int, set[int]] = defaultdict(set)  # of which it is known or taken which of the two lies above
         for above, below in self.votes:
-            if (vote := self.vote(above, below)) > 0.0:
+            if self.vote(above, below) > 0.0:
                 self.beneath[above].add(below)
-            if vote != 0.0:
-                self._know(above, below)
 
     def enclosing(self, region: int) -> Iterator[int]:
         """The regions that enclose one, the innermost first, and of the ground each piece."""
@@ -101,14 +98,10 @@ class _Facts:
         """Takes regions to lie above others, where nothing is known of the two."""
         lower = set(below.tolist())
         for i in above.tolist():
-            for j in lower - self.known[i]:
-                self.votes[i, j] += JOINED
-                self.assumed[i].add(j)
-                self._know(i, j)
-
-    def _know(self, i: int, j: int) -> None:
-        self.known[i].add(j)
-        self.known[j].add(i)
+            for j in lower - self.beneath[i] - self.assumed[i]:
+                if i not in self.beneath[j] and i not in self.assumed[j]:
+                    self.votes[i, j] += JOINED
+                    self.assumed[i].add(j)
 
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
