@@ -11,6 +11,7 @@ from image_files import encode
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import light_of_srgb
 from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, box_of, shaded
@@ -325,6 +326,22 @@ def test_a_grey_shadow_on_nothing_is_one_area_on_all_sides_of_its_caster(shade):
     (area,) = lifted(levels).areas
     assert np.abs(area.colour - [120, 120, 120, 255]).max() <= 8.0
     assert np.abs(area.share - dark)[area.mask].max() <= 0.02
+
+
+def test_a_shadow_of_which_pale_pixels_lose_their_colour_is_one_area_without_specks():
+    """Filters of SVG blur in linear light, and round premultiplied colours there, unless told otherwise."""
+    shape, dark, opacity = star(), shadow(star(), 6.0, 8.0, 8.0, 0.6), 0.6
+    alpha = np.rint(255.0 * dark / opacity)
+    light = np.rint(light_of_srgb(np.array([32.0, 32.0, 96.0]) / 255.0) * alpha[..., None])
+    share = np.clip(light / np.maximum(alpha, 1.0)[..., None], 0.0, 1.0)
+    colour = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+    shaded = 255.0 - opacity * alpha[..., None] * (1.0 - colour)
+    levels = np.rint(shaded * (1.0 - shape[..., None]) + BLUE * shape[..., None])
+    levels = np.dstack([levels, np.full(dark.shape, 255.0)]).astype(np.float32)
+    (area,) = lifted(levels).areas
+    shown = (shape == 0.0) & (alpha > 4.0)
+    assert area.mask[shown].mean() > 0.98
+    assert np.percentile(np.abs(area.share * area.scale / (255.0 - 32.0) - dark)[shown], 99) <= 0.02
 
 
 @pytest.mark.slow

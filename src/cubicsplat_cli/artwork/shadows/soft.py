@@ -132,6 +132,7 @@ def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
 def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea | None:
     """Return the soft area on a ground, with the pixels that show it there and between what covers it; None if none
     do."""
+    colour = _surer(levels[ground.mask] - ground.fill, ground.fill, colour)
     line = Line(levels - ground.fill, colour - ground.fill, ROUNDED)
     on_line, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * line.shares)
@@ -154,7 +155,26 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     alike = uneven | (share_of(possible * gap) <= SAME)
     more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
     shown |= possible & ((shaded & (gap <= SAME)) | more[parts])
+    # Programs that round colours before they blend them miss the line where little shows of the area.
+    shown |= ground.mask & shaded & (largest(np.abs(line.apart(field / scale))) <= SAME)
     return SoftArea(ground.fill, shown, colour, _continued(seen, shown | nothing, scale) / scale)
+
+
+def _surer(off: np.ndarray, fill: np.ndarray, colour: np.ndarray) -> np.ndarray:
+    """Return the colour (4,) at the end of a line that pixels tell, off (n, 4) levels from its fill (4,), from one that
+    a pale piece told: by rounding it is off by as many times more as it is farther away than that piece's colours.
+    """
+    known = 0.0
+    while True:
+        line = Line(off, colour - fill, ROUNDED)
+        depth = line.scale * line.shares
+        told = depth[line.near(line.shares)].max(initial=0.0)
+        if told <= known + SAME:
+            return colour
+        known = told
+        near = (depth > 0.0) & (largest(np.abs(line.apart(line.shares))) <= ROUNDED * (1.0 + depth / known))
+        direction = depth[near] @ off[near]  # the least squares of all, through the fill
+        colour = end_of(fill, direction / np.linalg.norm(direction))
 
 
 def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
