@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks import main
 from benchmarks.artwork.degradations import jpeg, lay_over_white
 from benchmarks.artwork.document import SIZE, Document, Drawings, Only, Size, Skip, drawings_in
-from benchmarks.artwork.pixels import evenly_coloured
+from benchmarks.artwork.pixels import evenly_coloured, srgb_of_light
 from benchmarks.artwork.scores import count
 from benchmarks.tools import TOOLS, Given, pixels_of
 from cubicsplat_cli.artwork.channels import light_of_srgb
@@ -57,7 +57,7 @@ def _finely(document: Document, *, linear: bool) -> np.ndarray:
         strips.append(values[fine].reshape(rows, FINE, document.width, FINE, 3).mean(axis=(1, 3)))
     mean = np.concatenate(strips)
     if linear:
-        mean = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * mean ** (1 / 2.4) - 0.055)
+        mean = srgb_of_light(mean)
     return np.dstack([np.rint(255 * mean).astype(np.uint8), np.full(mean.shape[:2], 255, np.uint8)])
 
 

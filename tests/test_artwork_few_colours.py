@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from benchmarks.artwork.pixels import srgb_of_light
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.channels import light_of_srgb
 from cubicsplat_cli.artwork.input.condition import rounding_noise
@@ -26,7 +27,7 @@ def discs(*, linear: bool = False) -> Image.Image:
     values = np.asarray(large) / 255.0
     mean = (light_of_srgb(values) if linear else values).reshape(160, 4, 200, 4, 3).mean(axis=(1, 3))
     if linear:
-        mean = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * mean ** (1.0 / 2.4) - 0.055)
+        mean = srgb_of_light(mean)
     return Image.fromarray(np.rint(255.0 * mean).astype(np.uint8))
 
 

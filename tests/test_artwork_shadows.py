@@ -11,6 +11,7 @@ from image_files import encode
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
+from benchmarks.artwork.pixels import srgb_of_light
 from cubicsplat_cli.artwork.channels import light_of_srgb
 from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -334,8 +335,7 @@ def test_a_shadow_of_which_pale_pixels_lose_their_colour_is_one_area_without_spe
     alpha = np.rint(255.0 * dark / opacity)
     light = np.rint(light_of_srgb(np.array([32.0, 32.0, 96.0]) / 255.0) * alpha[..., None])
     share = np.clip(light / np.maximum(alpha, 1.0)[..., None], 0.0, 1.0)
-    colour = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
-    shaded = 255.0 - opacity * alpha[..., None] * (1.0 - colour)
+    shaded = 255.0 - opacity * alpha[..., None] * (1.0 - srgb_of_light(share))
     levels = np.rint(shaded * (1.0 - shape[..., None]) + BLUE * shape[..., None])
     levels = np.dstack([levels, np.full(dark.shape, 255.0)]).astype(np.float32)
     (area,) = lifted(levels).areas

@@ -23,6 +23,11 @@ INSIDE = 2  # px
 _TILE = 64  # px of the canvas: 1024 at the largest scale
 
 
+def srgb_of_light(light: np.ndarray) -> np.ndarray:
+    """Return sRGB values, 0 to 1, of linear light (IEC 61966-2-1)."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+
+
 def psnr(first: np.ndarray, second: np.ndarray) -> float:
     """PSNR in dB of two straight RGBA pictures, over white or black, whichever is worse; at most 100."""
     worst = 0.0

@@ -79,8 +79,8 @@ def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.n
     """Return the parts of a mask (H, W), numbered (H, W) int32 from 1 on in the order of their first pixels, and their
     number. structure: (3, 3); if its corners are set, pixels also touch diagonally.
     """
-    labels, diagonally = np.empty(pixels.shape, np.int32), structure is not None and bool(structure[0, 0])
-    return labels, _native("cs_label", *pixels.shape, _mask(pixels), diagonally, labels, result=c_int64)
+    labels = np.empty(pixels.shape, np.int32)
+    return labels, _native("cs_label", *pixels.shape, _mask(pixels), _diagonally(structure), labels, result=c_int64)
 
 
 def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
@@ -135,10 +135,8 @@ def skeletonize(pixels: np.ndarray) -> np.ndarray:
 def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: np.ndarray) -> np.ndarray:
     """Return (H, W) bool: the pixels, with those linked to them through a mask; structure: see label."""
     pixels = _mask(pixels)
-    parts, count = label(pixels | mask, structure)
-    linked = np.zeros(count + 1, dtype=bool)
-    linked[parts[pixels]] = True
-    return linked[parts]
+    given = pixels, _mask(pixels | mask), _diagonally(structure)
+    return _native("cs_propagate", *pixels.shape, *given, Out(pixels.shape, bool))
 
 
 def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
@@ -216,11 +214,17 @@ def _filtered(operation: int, values: np.ndarray, windows: Iterable[_Window], mo
 
 def _enclosed(pixels: np.ndarray, outside: np.ndarray | None = None) -> np.ndarray:
     """Return (H, W) bool: the parts of a mask that reach neither the border nor the pixels `outside`, None for none."""
-    return _native("cs_enclosed", *pixels.shape, pixels, outside, Out(pixels.shape, bool))
+    opened = np.zeros(pixels.shape, dtype=bool) if outside is None else outside.copy()
+    opened[:1] = opened[-1:] = opened[:, :1] = opened[:, -1:] = True
+    return pixels & ~binary_propagation(opened & pixels, None, pixels)
 
 
 def _mask(pixels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pixels if pixels.dtype == bool else pixels != 0)
+
+
+def _diagonally(structure: np.ndarray | None) -> bool:
+    return structure is not None and bool(structure[0, 0])
 
 
 def _structure(structure: np.ndarray | None) -> np.ndarray:

@@ -166,7 +166,7 @@ class State:
     def floors(self) -> np.ndarray:
         """(outlines,) the misfit that the pixels which each crosses have by chance, the median of these."""
         sizes = np.diff(self.marks)
-        order = np.lexsort((self.chance, np.repeat(np.arange(len(sizes)), sizes)))
+        order = np.lexsort((self.chance, self.owners[self.stack.crossings.piece]))
         middle = np.stack([self.marks[:-1] + (sizes - 1) // 2, self.marks[:-1] + sizes // 2])
         floors, crossed = np.full(len(sizes), ROUNDING), sizes > 0
         floors[crossed] = self.chance[order[middle[:, crossed]]].mean(axis=0)

@@ -188,7 +188,7 @@ class Rectangle:
         # The bend at the end of each side.
         bends = self.radius * _turn(-0.5 * math.pi, arcs).reshape(4, -1, 4, 2)
         bends = bends + following(_CORNERS * (half - self.radius))[:, None, None]
-        starts, ends = np.concatenate([bends[-1:, -1, 3:], bends[:-1, -1, 3:]]), bends[:, 0, :1]
+        starts, ends = np.roll(bends[:, -1, 3:], 1, axis=0), bends[:, 0, :1]
         sides = np.concatenate([starts, thirds(starts[:, 0], ends[:, 0]), ends], axis=1)
         cubics = np.concatenate([sides[:, None], bends], axis=1).reshape(-1, 4, 2) @ turn + middle
         return ring_of_cubics(cubics, np.arange(len(cubics)) % (len(cubics) // 4) == 0)

@@ -162,11 +162,12 @@ class Window:
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring, corner = outline.ring(), (self.extent.top, self.extent.left)
-        within = misplaced(ring.cubics, ring.lines, corner, self.may, self.box, self.must, self.besides)
+        cubics = ring.cubics
+        within = misplaced(cubics, ring.lines, corner, self.may, self.box, self.must, self.besides)
         # Points beyond the window, though on the canvas; none where no control point is beyond.
         low = np.array(corner[::-1]) - 1.0
         high = low + self.may.shape[::-1] + 2.0
-        if not ((ring.cubics < low) | (ring.cubics > high)).any():
+        if not ((cubics < low) | (cubics > high)).any():
             return within
         points = dense(flattened(ring, 1.0), 1.0)
         beyond = ((points < low) | (points > high)).any(axis=1)

@@ -83,8 +83,8 @@ class _Facts:
         # The regions that each one lies above, and those that it is taken to lie above.
         self.beneath: dict[int, set[int]] = defaultdict(set)
         self.assumed: dict[int, set[int]] = defaultdict(set)
-        for above, below in self.votes:
-            if self.vote(above, below) > 0.0:
+        for (above, below), votes in self.votes.items():
+            if votes > self.votes.get((below, above), 0.0):
                 self.beneath[above].add(below)
 
     def enclosing(self, region: int) -> Iterator[int]:
@@ -102,10 +102,6 @@ class _Facts:
                 if i not in self.beneath[j] and i not in self.assumed[j]:
                     self.votes[i, j] += JOINED
                     self.assumed[i].add(j)
-
-    def vote(self, above: int, below: int) -> float:
-        """The evidence that one lies above the other, less that for the contrary."""
-        return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
 
 
 def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:

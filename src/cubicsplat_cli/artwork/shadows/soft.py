@@ -167,12 +167,12 @@ def _surer(off: np.ndarray, fill: np.ndarray, colour: np.ndarray) -> np.ndarray:
     known = 0.0
     while True:
         line = Line(off, colour - fill, ROUNDED)
-        depth = line.scale * line.shares
-        told = depth[line.near(line.shares)].max(initial=0.0)
+        depth, beside = line.scale * line.shares, largest(np.abs(line.apart(line.shares)))
+        told = depth[beside <= ROUNDED].max(initial=0.0)
         if told <= known + SAME:
             return colour
         known = told
-        near = (depth > 0.0) & (largest(np.abs(line.apart(line.shares))) <= ROUNDED * (1.0 + depth / known))
+        near = (depth > 0.0) & (beside <= ROUNDED * (1.0 + depth / known))
         direction = depth[near] @ off[near]  # the least squares of all, through the fill
         colour = end_of(fill, direction / np.linalg.norm(direction))
 

@@ -1,9 +1,7 @@
 // What outlines cover of pixels, without derivatives.
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <limits>
 #include <vector>
 
 #include "abi.h"
@@ -26,41 +24,6 @@ struct Box {
   bool has(int64_t y, int64_t x) const { return y >= top && y < bottom && x >= left && x < right; }
   int64_t place(int64_t y, int64_t x) const { return (y - top) * (right - left) + x - left; }
 };
-
-// The rows and columns of a window, its corner at (left, top), that closed outlines reach.
-Box reached(int64_t pieces, const double* cubics, int64_t left, int64_t top, int64_t height, int64_t width) {
-  double low[2], high[2];
-  std::fill(low, low + 2, std::numeric_limits<double>::infinity());
-  std::fill(high, high + 2, -std::numeric_limits<double>::infinity());
-  for (int64_t n = 0; n < 8 * pieces; n++) {
-    low[n % 2] = std::min(low[n % 2], cubics[n]);
-    high[n % 2] = std::max(high[n % 2], cubics[n]);
-  }
-  const auto within = [](double at, int64_t size) { return int64_t(std::clamp(at, 0.0, double(size))); };
-  return {within(std::floor(low[1]) - double(top), height), within(std::floor(low[0]) - double(left), width),
-          within(std::ceil(high[1]) - double(top), height), within(std::ceil(high[0]) - double(left), width)};
-}
-
-// Pixels of a row of a window, the last one not included.
-struct Run {
-  int64_t row, first, last;
-};
-
-// The runs of pixels that closed outlines cover by more than half, of a box of a window, its corner at (left, top).
-std::vector<Run> half_covered(int64_t pieces, const double* cubics, const uint8_t* lines, int64_t left, int64_t top,
-                              const Box& box) {
-  Window window{int(left + box.left), int(top + box.top), int(box.right - box.left), int(box.bottom - box.top), {}};
-  trace(pieces, cubics, lines, window);
-  std::vector<Span> spans;
-  std::vector<int64_t> rows;
-  std::vector<Turned> below;
-  window.finish(spans, rows, below);
-  std::vector<Run> out;
-  for (int64_t row = 0; row + 1 < int64_t(rows.size()); row++)
-    for (int64_t n = rows[row]; n < rows[row + 1]; n++)
-      if (spans[n].covered > 0.5f) out.push_back({box.top + row, spans[n].first - left, spans[n].last - left});
-  return out;
-}
 
 // Calls `found(place)` for the places from `first` to `last` at which a row has a byte.
 template <class Found>
@@ -92,14 +55,18 @@ CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_
 // The middles, x and y, of the pixels of a window that closed outlines enclose by more than half, though they may not,
 // or do not enclose, though they must, row by row. may: height x width of the window, its corner at (left, top). box:
 // top, left, bottom and right, in the window, of must and besides, what else they may enclose there, or null. out: room
-// for all pixels of the box and of what the outlines reach. Returns how many, or -1 without memory.
+// for all pixels of the window. Returns how many, or -1 without memory.
 CS_EXPORT int64_t cs_misplaced(int64_t pieces, const double* cubics, const uint8_t* lines, int64_t left, int64_t top,
                                int64_t height, int64_t width, const uint8_t* may, const int64_t* box,
                                const uint8_t* must, const uint8_t* besides, double* out) {
   return cs::counted([&] {
     const cs::stack::Box needed{box[0], box[1], box[2], box[3]};
-    const cs::stack::Box own = cs::stack::reached(pieces, cubics, left, top, height, width);
-    const auto spans = cs::stack::half_covered(pieces, cubics, lines, left, top, own);
+    cs::stack::Window window{int(left), int(top), int(width), int(height), {}};
+    cs::stack::trace(pieces, cubics, lines, window);
+    std::vector<cs::stack::Span> spans;
+    std::vector<int64_t> rows;
+    std::vector<cs::stack::Turned> below;
+    window.finish(spans, rows, below);
     int64_t count = 0;
     const auto add = [&](int64_t y, int64_t x) {
       out[2 * count] = double(left + x) + 0.5, out[2 * count + 1] = double(top + y) + 0.5;
@@ -117,11 +84,13 @@ CS_EXPORT int64_t cs_misplaced(int64_t pieces, const double* cubics, const uint8
         if (!(besides && needed.has(y, x) && besides[needed.place(y, x)])) add(y, x);
       });
     };
-    auto span = spans.begin();
-    for (int64_t y = std::min(own.top, needed.top); y < std::max(own.bottom, needed.bottom); y++) {
+    for (int64_t y = 0; y < height; y++) {
       int64_t x = 0;
-      for (; span != spans.end() && span->row == y; x = (span++)->last)
-        missed(y, x, span->first), enclosed(y, span->first, span->last);
+      for (int64_t n = rows[y]; n < rows[y + 1]; n++) {
+        if (spans[n].covered <= 0.5f) continue;
+        missed(y, x, spans[n].first - left), enclosed(y, spans[n].first - left, spans[n].last - left);
+        x = spans[n].last - left;
+      }
       missed(y, x, width);
     }
     return count;

@@ -150,25 +150,20 @@ CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, i
   });
 }
 
-// The parts of a mask that reach neither the border nor the pixels `outside`, null for none. Returns 0, or 1 without
-// memory.
-CS_EXPORT int32_t cs_enclosed(int64_t height, int64_t width, const uint8_t* mask, const uint8_t* outside,
-                              uint8_t* out) {
+// The parts of a mask that hold any of some pixels. Returns 0, or 1 without memory.
+CS_EXPORT int32_t cs_propagate(int64_t height, int64_t width, const uint8_t* pixels, const uint8_t* mask,
+                               int64_t diagonally, uint8_t* out) {
   return failed([&] {
     Groups groups;
-    const std::vector<Run> runs = runs_of(height, width, mask, 0, groups);
+    const std::vector<Run> runs = runs_of(height, width, mask, diagonally ? 1 : 0, groups);
     std::vector<int32_t> numbers;
-    std::vector<uint8_t> opened(groups.numbered(numbers));
+    std::vector<uint8_t> linked(groups.numbered(numbers));
     for (const Run& run : runs) {
-      const uint8_t* row = outside ? outside + run.row * width : nullptr;
-      if (run.row == 0 || run.row == height - 1 || run.start == 0 || run.stop == width ||
-          (row && std::find_if(row + run.start, row + run.stop, [](uint8_t p) { return p != 0; }) != row + run.stop))
-        opened[numbers[run.part]] = 1;
+      const uint8_t* row = pixels + run.row * width;
+      if (std::any_of(row + run.start, row + run.stop, [](uint8_t p) { return p != 0; })) linked[numbers[run.part]] = 1;
     }
-    std::fill(out, out + height * width, uint8_t(0));
     for (const Run& run : runs)
-      if (!opened[numbers[run.part]])
-        std::fill(out + run.row * width + run.start, out + run.row * width + run.stop, uint8_t(1));
+      std::fill(out + run.row * width + run.start, out + run.row * width + run.stop, linked[numbers[run.part]]);
   });
 }
 
