@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, RING, Part, Patch, part_of, patches_of, uneven_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
-from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED, SAME
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import part_spreads
@@ -25,6 +25,7 @@ from cubicsplat_cli.record import record
 LEAST_RANGE = 5.0  # levels that a shaded ground spans
 MOST_GROUNDS = 40  # the largest, that are examined
 ON_LINE = 0.98  # share of a ground's pixels that must lie on the line of its colours
+BEND = 0.05  # share of its length by which a line of colours may be bent, blended in linear light and rounded there
 LEAST_CASTER, MOST_CASTERS = 16, 60  # px of what covers a shadow, and silhouettes beyond which none is examined
 
 
@@ -100,8 +101,13 @@ def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
     along = off @ direction
     beside = largest(np.abs(off - along[:, None] * direction))
     clearing = fill[3] >= OPAQUE and direction[3] < -1e-6
-    one_line = not clearing and (beside <= ROUNDED).mean() >= ON_LINE and (along >= -ROUNDED).mean() >= ON_LINE
+    one_line = not clearing and (beside <= off_line(along)).mean() >= ON_LINE and (along >= -ROUNDED).mean() >= ON_LINE
     return direction if one_line else None
+
+
+def off_line(along: np.ndarray) -> float:
+    """Return the levels by which colours may be beside a line that goes so far, (n,) levels, from their ground."""
+    return float(np.clip(BEND * along.max(), ROUNDED, SAME))
 
 
 def end_of(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
-from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
 from cubicsplat_cli.artwork.regions.fills import CONTACT, EVEN, SEEN
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
@@ -150,7 +150,8 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
             error = 255.0 * max(step / math.sqrt(12.0), area.rough * EVEN) / steep
             found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
             for extent in extents_of(cover, np.zeros_like(cover), found):
-                yield Shape((red, green, blue, alpha), outlines_of(extent, cover.shape, 1.0), NAME)
+                if extent.shown.sum() > DOT:  # rounding leaves dots
+                    yield Shape((red, green, blue, alpha), outlines_of(extent, cover.shape, 1.0), NAME)
         dark = darker
 
 

@@ -7,6 +7,7 @@ pixel follows from the pixel's place on the line. Beneath the shapes that cover 
 from __future__ import annotations
 
 from functools import cache, cached_property
+from types import EllipsisType
 
 import numpy as np
 
@@ -15,7 +16,15 @@ from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import RING, Part, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, CONTACT, OPAQUE, ROUNDED, SAME
-from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of, even_grounds
+from cubicsplat_cli.artwork.shadows.casters import (
+    LEAST_RANGE,
+    ON_LINE,
+    Ground,
+    direction_from,
+    end_of,
+    even_grounds,
+    off_line,
+)
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
@@ -107,9 +116,14 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     return [area for area in areas if area is not None]
 
 
+def _line(off: np.ndarray, way: np.ndarray, shown: np.ndarray | EllipsisType = ...) -> Line:
+    """Return the line of a way (4,) for (..., 4) levels off a ground, of which those `shown` tell how far it goes."""
+    return Line(off, way, off_line(off[shown] @ way / max(float(np.linalg.norm(way)), 1e-9)))
+
+
 def _on_line(off: np.ndarray, way: np.ndarray) -> bool:
     """Return True if nearly all pixels, (n, 4) levels off a ground, are on a way (4,) from there."""
-    line = Line(off, way, ROUNDED)
+    line = _line(off, way)
     return bool(line.near(line.shares).mean() >= ON_LINE)
 
 
@@ -133,7 +147,7 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     """Return the soft area on a ground, with the pixels that show it there and between what covers it; None if none
     do."""
     colour = _surer(levels[ground.mask] - ground.fill, ground.fill, colour)
-    line = Line(levels - ground.fill, colour - ground.fill, ROUNDED)
+    line = _line(levels - ground.fill, colour - ground.fill, ground.mask)
     on_line, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * line.shares)
     shown = ground.mask & on_line
@@ -153,8 +167,13 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     field = _continued(seen, shown | nothing, scale)
     gap, shaded = np.abs(field - seen), field > ROUNDED
     alike = uneven | (share_of(possible * gap) <= SAME)
-    more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
-    shown |= possible & ((shaded & (gap <= SAME)) | more[parts])
+    on_way = (share_of(on_line) >= ON_LINE) & (share_of(possible) >= EXPLAINED)
+    more = (alike & on_way & (share_of(shaded) >= 0.5))[parts] & on_line & ~shown
+    if more.any():
+        shown |= more
+        field = _continued(seen, shown | nothing, scale)
+        gap, shaded = np.abs(field - seen), field > ROUNDED
+    shown |= possible & shaded & (gap <= SAME)
     # Programs that round colours before they blend them miss the line where little shows of the area.
     shown |= ground.mask & shaded & (largest(np.abs(line.apart(field / scale))) <= SAME)
     return SoftArea(ground.fill, shown, colour, _continued(seen, shown | nothing, scale) / scale)
