@@ -118,6 +118,26 @@ def test_text_beside_a_little_dither_stays_sharp():
     assert noise == 0 and (even[apart] == found[apart]).all() and (even != found)[120:152, 120:152].any()
 
 
+def test_text_on_a_dithered_ground_stays_sharp():
+    page = Image.new("RGB", (SIZE, SIZE), (203, 203, 203))
+    for row in range(4, SIZE, 24):
+        ImageDraw.Draw(page).text((4, row), "files: 1.5 million...", fill="black")
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([0, 0, 0, 198, 198, 198, 206, 206, 206])
+    found = levels(page.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG))
+    even, _ = without_dither(found)
+    dark = found[..., 0] == 0
+    assert dark.any() and even[dark].max() < 25.0
+    assert np.abs(even - 203.0)[~dark].mean() < 0.5 * np.abs(found - 203.0)[~dark].mean()
+
+
+def test_dotted_lines_that_cross_are_no_dither():
+    page = np.full((SIZE, SIZE, 3), 255.0, dtype=np.float32)
+    for place in (20, 70, 120):
+        page[place, 20:121:2] = page[20:121:2, place] = 0.0
+    assert dithered(page) is None
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 9), st.sampled_from([1, 3, 4]))
 def test_dots_differ_from_four_like_neighbours(seed, height, width, channels):
     picture = np.random.default_rng(seed).integers(0, 3, (height, width, channels)).astype(np.float32)

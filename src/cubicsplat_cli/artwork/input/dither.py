@@ -20,8 +20,8 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import dither_dots, guided_means, spread
 from cubicsplat_cli.scene.arrays import with_channels
 
-# There is no dither without more than MOST_STRAY dots that have DENSE or more within a square of WINDOW px, of which a
-# dotted line has 8, and text hardly any.
+# There is no dither without more than MOST_STRAY dots that have DENSE or more around them, in other rows and columns,
+# within a square of WINDOW px. Dotted lines that cross have 8 there, and text hardly any.
 WINDOW, DENSE, MOST_STRAY = 15, 9, 24
 PERIOD = 4  # px of the patterns of ordered dither, and around a dot that it may stand for
 # Share of dots that are like the pixels a period away to all four sides: 0.1 by error diffusion, but up to 0.48 where
@@ -49,7 +49,12 @@ def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
     if not meant.any():
         return levels, None
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    means = guided_means(levels, guide, ndimage.binary_dilation(meant, ndimage.SQUARE, PERIOD), SIDE, ALIKE)
+    near = ndimage.binary_dilation(meant, ndimage.SQUARE, PERIOD)
+    means = guided_means(levels, guide, near, SIDE, ALIKE)
+    # What differs from its mean by more than dots nearby do from their neighbours, in the mean, is drawn and no dither.
+    contrast = np.where(meant, largest(np.abs(levels - np.roll(levels, 1, axis=1))), 0.0)
+    total, count = (ndimage.uniform_filter(each.astype(float), WINDOW, mode="constant") for each in (contrast, meant))
+    means = np.where((largest(np.abs(means - levels)) * count <= total)[..., None], means, levels)
     return (means, LEFT) if most else (_with_gradients(means), 0.0)
 
 
@@ -98,8 +103,7 @@ def dithered(levels: np.ndarray) -> Dither | None:
     dots = dither_dots(levels, FLAT_RANGE)
     if dots.sum() <= MOST_STRAY:
         return None
-    density = ndimage.uniform_filter(dots.astype(np.float32), WINDOW, mode="constant")
-    dense = dots & (density >= (DENSE - 0.5) / WINDOW**2)
+    dense = dots & (_around(dots) >= DENSE - 0.5)
     if dense.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
@@ -108,6 +112,16 @@ def dithered(levels: np.ndarray) -> Dither | None:
     uneven = spread(levels, 3, 3) > 0.0
     near = ndimage.binary_dilation(dense, ndimage.SQUARE, PERIOD) & uneven
     return Dither(dots, dense, bool(2 * near.sum() > uneven.sum()))
+
+
+def _around(dots: np.ndarray) -> np.ndarray:
+    """Return (H, W) the number of dots (H, W) bool in the square around each pixel, without those of its row, or of its
+    column if these are more: where dotted lines cross, most are of one line."""
+    square, row, column = (
+        ndimage.uniform_filter(dots.astype(np.float32), sides, mode="constant") * float(np.prod(sides))
+        for sides in ((WINDOW, WINDOW), (1, WINDOW), (WINDOW, 1))
+    )
+    return square - np.maximum(row, column)
 
 
 def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
