@@ -148,6 +148,16 @@ def test_lines_are_found_in_noise_and_through_a_blur() -> None:
         assert delta_e(truth(line), drawing) < 0.5 * delta_e(truth(line), plain())
 
 
+def test_dots_are_drawn_in_faint_noise() -> None:
+    document, rng = truth(DOTS), np.random.default_rng(0)
+    target = picture(document)
+    target[..., :3] += rng.normal(0.0, 2.0 / 255.0, target[..., :3].shape)
+    drawing = explained(plain(), target, Condition(noise=2.0))
+    assert len(new_shapes(drawing)) == 15
+    assert {shape.fill for shape in new_shapes(drawing)} <= {WHITE, BLUE, RED}
+    assert delta_e(document, drawing) < 0.15 * delta_e(document, plain())
+
+
 def test_lines_in_nearly_one_colour_have_one_fill() -> None:
     lines = "".join(
         f'<path d="M34 {6 + 6 * k}h24" stroke="#{red}a935" stroke-width="2"/>'

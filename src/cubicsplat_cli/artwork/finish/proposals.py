@@ -67,9 +67,7 @@ class TargetPicture:
     @classmethod
     def of(cls, levels: np.ndarray, condition: Condition, min_area: float) -> TargetPicture:
         """The picture in a condition. min_area: px^2 that a shape has at least."""
-        seen, share = levels @ LUMA_CHROMA, 0.0 if condition.clean and not condition.aliased else 1.0
-        if condition.jpeg:
-            share = min(condition.edge_error / RINGING, 1.0)
+        seen, share = levels @ LUMA_CHROMA, 1.0 if condition.aliased else min(condition.restored_error / RINGING, 1.0)
         off = ringing(seen) if condition.jpeg or condition.sharpened else np.zeros(seen.shape, np.float32)
         return cls(levels, condition, max(LEAST_CLEAN, share * LEAST), max(1, round(share * SMALLEST), min_area), off)
 
