@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.scene import picture_of
 from cubicsplat_cli.artwork.shading import objects_of, silhouettes, surfaces_of
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
+from cubicsplat_cli.artwork.vectorize import prepare
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.perceptual import metric
@@ -401,7 +402,8 @@ def test_what_lies_on_a_surface_is_drawn_as_without_shading(quality, most):
     if quality is not None:
         file = recoded(plain[..., :3].astype(np.uint8), quality=quality)
         levels = with_channels(file.astype(np.float32), 4, 255.0)
-    drawing = shade_surfaces((levels, objects_of(levels)), QUICK)
+    condition = prepare(levels / np.float32(255.0)).condition
+    drawing = shade_surfaces((levels, objects_of(levels)), condition, QUICK)
     assert drawing is not None and any(shape.shading for shape in drawing.shapes)
     off = levels_off(plain / 255.0, write_drawing(drawing, title="", comment=""))
     assert off[22:66, 12:108].mean() < most
@@ -411,4 +413,4 @@ def test_what_lies_on_a_surface_is_drawn_as_without_shading(quality, most):
 def test_objects_that_hold_all_there_is_are_shaded_as_objects():
     objects = shaded_objects(ball())
     assert objects is not None and surfaces_of(objects[0], Condition())
-    assert shade_surfaces(objects, QUICK) is None
+    assert shade_surfaces(objects, Condition(), QUICK) is None

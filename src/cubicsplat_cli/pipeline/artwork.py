@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.artwork import structure
 from cubicsplat_cli.artwork.geometry.outlines import Ring
@@ -31,6 +31,9 @@ from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg.drawing_writer import write_drawing, write_mosaic
 from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.artwork.input.prepare import PreparedInput
 
 SAMPLES = 48  # edges per cubic in the engine's own picture
 MANY = 1000  # pieces; the finish of more takes longer than a check that they are worth it
@@ -78,6 +81,13 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
     return Made(drawing.scene(), write, 1, len(drawing.layers), notes, facts)
 
 
+def prepared_of(task: Task) -> PreparedInput:
+    """Return the pixels of a picture, prepared to be drawn; see `prepare`."""
+    from cubicsplat_cli.artwork.vectorize import prepare  # photos may do without
+
+    return prepare(task.pixels, task.target.compression)
+
+
 def drawn_outlines(
     task: Task,
     on_sketch: Callable[[Made], None] = nothing,
@@ -90,13 +100,13 @@ def drawn_outlines(
     on_sketch: is given a first version of a drawing of very many pieces, or of any (of_few); what it raises ends the
     drawing. completed: returns a changed drawing, in px of the target, before it is scaled to the picture.
     """
-    from cubicsplat_cli.artwork.vectorize import prepare, versions
+    from cubicsplat_cli.artwork.vectorize import versions
 
     request, size = task.request, task.picture.size
     chosen = replace(request.artwork, curves=request.settings.curves, strokes=request.strokes)
     deadline, threads = time.perf_counter() + task.seconds_to_make(), request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
-        prepared = prepare(task.pixels, task.target.compression)
+        prepared = task.once(prepared_of)
         damage: dict[str, Any] = {
             "blur": prepared.mean_scale * prepared.condition.blur,
             "small": with_levels(task.target, prepared.levels) if prepared.upscale_factor > 1 else None,

@@ -15,6 +15,7 @@ from PIL import Image
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.finish.state import premultiplied
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.regions.fills import APART, SAME
 from cubicsplat_cli.artwork.shading import (
@@ -28,12 +29,12 @@ from cubicsplat_cli.artwork.shading import (
     without_surfaces,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
-from cubicsplat_cli.artwork.vectorize import draw, draw_flat, prepare
+from cubicsplat_cli.artwork.vectorize import draw, draw_flat
 from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
 from cubicsplat_cli.files.decode import straight_colours
 from cubicsplat_cli.files.load import resampled
 from cubicsplat_cli.photo.inputs import FitInputs
-from cubicsplat_cli.pipeline.artwork import result_of_drawing
+from cubicsplat_cli.pipeline.artwork import prepared_of, result_of_drawing
 from cubicsplat_cli.pipeline.likeness import seen_db_of
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
@@ -112,7 +113,10 @@ def shaded_drawing(task: Task) -> Made | None:
         return None
     most = int(request.shading) if request.shading.isdecimal() else math.inf
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
-        drawing = shade_surfaces(objects, task.settings(), most) or shade_objects(objects, task.settings(), most)
+        prepared, drawing = task.once(prepared_of), None
+        if prepared.levels.shape == objects[0].shape:
+            drawing = shade_surfaces(objects, prepared.condition, task.settings(), most)
+        drawing = drawing or shade_objects(objects, task.settings(), most)
     made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
     return replace(made, interrupted=doing.interrupted)
 
@@ -134,20 +138,19 @@ def _fitted_scale(pixels: int) -> float:
     return min(1.0, math.sqrt(MOST_FITTED / pixels))
 
 
-def shade_surfaces(objects: Objects, settings: FitSettings, most: float = math.inf) -> Drawing | None:
-    """Draw a picture with at most `most` curves in each of its surfaces; all else is drawn as without shading. None
-    unless surfaces are most of it, and what lies on them would be lost in its objects.
+def shade_surfaces(
+    objects: Objects, condition: Condition, settings: FitSettings, most: float = math.inf
+) -> Drawing | None:
+    """Draw a picture in a condition, with at most `most` curves in each of its surfaces; all else is drawn as without
+    shading. None unless surfaces are most of it, and what lies on them would be lost in its objects.
     """
     levels, labels = objects
-    prepared = prepare(levels / np.float32(255.0))
-    if prepared.levels.shape != levels.shape:
-        return None
-    surfaces = surfaces_of(levels, prepared.condition)
+    surfaces = surfaces_of(levels, condition)
     beside = ~np.logical_or.reduce([np.zeros(labels.shape, dtype=bool), *(surface.mask for surface in surfaces)])
     lost = largest(np.abs(255.0 * _softly(levels, labels) - levels)) > APART
     if beside.mean() > 0.5 or not beside.any() or lost[beside].mean() < LEAST_LOST:
         return None
-    flat, fills = without_surfaces(levels, surfaces, prepared.condition)
+    flat, fills = without_surfaces(levels, surfaces, condition)
     outlined = draw((flat / 255.0).astype(np.float32))
     shares, goals = shown(outlined), list[np.ndarray | None]()
     for shape, share in zip(outlined.shapes, shares, strict=True):

@@ -49,8 +49,7 @@ def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
     if not meant.any():
         return levels, None
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    near = ndimage.binary_dilation(meant, ndimage.SQUARE, PERIOD)
-    means = guided_means(levels, guide, near, SIDE, ALIKE)
+    means = guided_means(levels, guide, ndimage.binary_dilation(meant, ndimage.SQUARE, PERIOD), SIDE, ALIKE)
     # What differs from its mean by more than dots nearby do from their neighbours, in the mean, is drawn and no dither.
     contrast = np.where(meant, largest(np.abs(levels - np.roll(levels, 1, axis=1))), 0.0)
     total, count = (ndimage.uniform_filter(each.astype(float), WINDOW, mode="constant") for each in (contrast, meant))
