@@ -98,11 +98,17 @@ def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
     if length == 0.0:
         return None
     direction = total / length
+    clearing = fill[3] >= OPAQUE and direction[3] < -1e-6
+    one_way = not clearing and (off @ direction >= -ROUNDED).mean() >= ON_LINE
+    return direction if one_way and on_line(off, direction) else None
+
+
+def on_line(off: np.ndarray, way: np.ndarray) -> bool:
+    """Return True if nearly all pixels, (n, 4) levels off a ground, are on a way (4,) from there."""
+    direction = way / max(float(np.linalg.norm(way)), 1e-9)
     along = off @ direction
     beside = largest(np.abs(off - along[:, None] * direction))
-    clearing = fill[3] >= OPAQUE and direction[3] < -1e-6
-    one_line = not clearing and (beside <= off_line(along)).mean() >= ON_LINE and (along >= -ROUNDED).mean() >= ON_LINE
-    return direction if one_line else None
+    return bool((beside <= off_line(along)).mean() >= ON_LINE)
 
 
 def off_line(along: np.ndarray) -> float:

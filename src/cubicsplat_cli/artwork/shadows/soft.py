@@ -7,7 +7,6 @@ pixel follows from the pixel's place on the line. Beneath the shapes that cover 
 from __future__ import annotations
 
 from functools import cache, cached_property
-from types import EllipsisType
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from cubicsplat_cli.artwork.shadows.casters import (
     end_of,
     even_grounds,
     off_line,
+    on_line,
 )
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
@@ -107,24 +107,13 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
             continue
         # The end of its line is uncertain for a pale piece.
         colour, off = end_of(fill, direction), piece.pixels.values - fill
-        same = [g for g, end in found if (g.fill == fill).all() and _on_line(off, end - fill)]
+        same = [g for g, end in found if (g.fill == fill).all() and on_line(off, end - fill)]
         if not same:
             same = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
             found.append((same[0], colour))
         same[0].mask[part.rows, part.columns] = True
     areas = (_area(levels, parts, ground, colour) for ground, colour in found)
     return [area for area in areas if area is not None]
-
-
-def _line(off: np.ndarray, way: np.ndarray, shown: np.ndarray | EllipsisType = ...) -> Line:
-    """Return the line of a way (4,) for (..., 4) levels off a ground, of which those `shown` tell how far it goes."""
-    return Line(off, way, off_line(off[shown] @ way / max(float(np.linalg.norm(way)), 1e-9)))
-
-
-def _on_line(off: np.ndarray, way: np.ndarray) -> bool:
-    """Return True if nearly all pixels, (n, 4) levels off a ground, are on a way (4,) from there."""
-    line = _line(off, way)
-    return bool(line.near(line.shares).mean() >= ON_LINE)
 
 
 def _is_sharp(ground: Patch, fill: np.ndarray, piece: Part) -> bool:
@@ -147,15 +136,16 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     """Return the soft area on a ground, with the pixels that show it there and between what covers it; None if none
     do."""
     colour = _surer(levels[ground.mask] - ground.fill, ground.fill, colour)
-    line = _line(levels - ground.fill, colour - ground.fill, ground.mask)
-    on_line, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
+    off, way = levels - ground.fill, colour - ground.fill
+    line = Line(off, way, off_line(off[ground.mask] @ way / max(float(np.linalg.norm(way)), 1e-9)))
+    near, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * line.shares)
-    shown = ground.mask & on_line
+    shown = ground.mask & near
     if not (shown & (seen > ROUNDED)).any():
         return None
     # Translucent pixels show the ground, and so do uneven ones that are no darker than the area elsewhere.
     through = levels[..., 3] < OPAQUE
-    possible = on_line & (through | (seen <= float(seen[shown].max()) + SAME))
+    possible = near & (through | (seen <= float(seen[shown].max()) + SAME))
     sizes, _, spreads = part_spreads(levels, parts, int(parts.max()))
     sizes, uneven = np.append(0, sizes), np.append(False, spreads > LEAST_RANGE)
 
@@ -167,8 +157,8 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     field = _continued(seen, shown | nothing, scale)
     gap, shaded = np.abs(field - seen), field > ROUNDED
     alike = uneven | (share_of(possible * gap) <= SAME)
-    on_way = (share_of(on_line) >= ON_LINE) & (share_of(possible) >= EXPLAINED)
-    more = (alike & on_way & (share_of(shaded) >= 0.5))[parts] & on_line & ~shown
+    on_way = (share_of(near) >= ON_LINE) & (share_of(possible) >= EXPLAINED)
+    more = (alike & on_way & (share_of(shaded) >= 0.5))[parts] & near & ~shown
     if more.any():
         shown |= more
         field = _continued(seen, shown | nothing, scale)
