@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import ctrl_c
+from conftest import ctrl_c_when
 from image_files import encode, png_of, recoded
 from PIL import Image
 from scans import target_of
@@ -15,6 +15,7 @@ from test_svg_viewers import AGREEMENT_DB
 
 from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.photo_parts import Page, PhotoPart, page_of
 from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.errors import InputError, UsageError
@@ -24,7 +25,7 @@ from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.html_report.embed import shown_elements
-from cubicsplat_cli.pipeline.pages import _sample, page_in
+from cubicsplat_cli.pipeline.pages import SAMPLE, _sample, page_in
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.scene import EmbeddedImage, LayeredScene
@@ -407,7 +408,8 @@ def test_photo_parts_takes_three_words():
 
 
 def test_an_interrupt_leaves_the_photo_in_its_mean_colour(monkeypatch):
-    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.goal_of", ctrl_c)
+    stop = ctrl_c_when(lambda target, *_: target.shape[1] > 2 * SAMPLE)  # the page, of which samples are drawn before
+    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.goal_of", lambda *given: stop(*given) or goal_of(*given))
     made = vectorize(page(), style="artwork", measure=False, **QUICK)
     assert made.report.interrupted
     off = np.abs(drawn(made.svg)[100, 80] - page()[TOP:BOTTOM, LEFT:RIGHT].mean(axis=(0, 1)))

@@ -149,6 +149,22 @@ def test_ctrl_c_keeps_the_drawing(during, monkeypatch):
     assert first.scene is last.scene
 
 
+def test_ctrl_c_in_a_drawing_ends_all():
+    """A photo that may be nearer is not fitted any more; without the drawing, there is no result."""
+    told: list[Progress] = []
+
+    def stop(progress: Progress) -> None:
+        told.append(progress)
+        if progress.stage == "fitting outlines":
+            raise KeyboardInterrupt
+
+    (made,) = candidates(replace(task_for(blotches(), steps=60), on_progress=stop), FLAT)
+    assert made.interrupted
+    with pytest.raises(KeyboardInterrupt):
+        next(candidates(replace(task_for(strands(), steps=400), on_progress=stop), FLAT))
+    assert not any(progress.step for progress in told)
+
+
 def test_a_result_far_from_its_picture_says_so_in_its_report_alone(capfd):
     texture = np.random.default_rng(2).integers(0, 255, (40, 48, 3), dtype=np.uint8)
     report = vectorize(texture, style="photo", steps=3, threads=1).report

@@ -62,7 +62,7 @@ def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
     with task.working():
         made = _first(task, style)
     yield made
-    if not made.may_be_photo or task.seconds_left() <= 0.0:
+    if made.interrupted or not made.may_be_photo or task.seconds_left() <= 0.0:
         return
     with task.working():
         better = _nearer_photo(task, made)
@@ -137,6 +137,8 @@ def _suits_photo(task: Task) -> bool:
     """True if a photo suits a sample of a picture better than a drawing."""
     try:
         drawing = drawn_outlines(task, partial(check_worth_finishing, task, quick=True), of_few=True)
+        if drawing.interrupted:
+            raise KeyboardInterrupt
         # Of so few pixels a quick photo is hardly behind a finished one.
         return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
     except DrawingGivenUp:
