@@ -6,9 +6,12 @@ from conftest import rest_slow
 
 from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.regions.fills import APART
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.raster.engines import render_scene
 
 
 def painted(width, height, *layers, ground=(0.0, 0.0, 0.0, 0.0), fine=8):
@@ -168,3 +171,18 @@ def test_specks_of_whole_pixels_are_drawn_exactly(size):
     drawing = draw(target.astype(np.float32))
     assert np.abs(begin(drawing, goal_of(target)).image - target).max() < 0.01
     assert len(drawing.shapes) == 2 + 3 * 4
+
+
+def test_shading_that_no_gradient_explains_is_drawn_in_bands():
+    """A bent shade within an outline: no fills of other things, and no spikes."""
+    y, x = np.mgrid[0:80, 0:100] + 0.5
+    shade = np.exp(-(((y - 40 - 12 * np.sin(x / 9)) / 7) ** 2) - ((x - 50) / 22) ** 2)[..., None]
+    picture = painted(100, 80, (box(60, 70, 100, 80), (0.6, 0.3, 0.2, 1.0)), ground=WHITE)[..., :3]
+    for radius, colour in ((32, 0.08), (30, 0.84 - 0.4 * shade)):
+        share = np.clip(radius + 0.5 - np.hypot(x - 46, y - 38), 0, 1)[..., None]
+        picture = picture + share * (colour - picture)
+    drawing = draw((np.rint(255 * picture) / 255).astype(np.float32))
+    assert len(drawing.shapes) <= 18
+    inside = disc(46, 38, 28)(x, y)
+    off = np.abs(255 * (render_scene(scene_of(drawing))[..., :3] - picture))[inside]
+    assert off.max() <= 1.5 * APART and off.mean() < 4.0

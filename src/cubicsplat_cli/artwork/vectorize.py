@@ -259,7 +259,8 @@ def _finished(
         # Restored edges are less certain than those of the picture as it was read.
         levels = plan.levels if condition.clean else target
         space = seen_as(condition, sharp=target is not flat.levels)
-        goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, condition.share_error, outlined.error)
+        known = condition.blur, space, condition.share_error, outlined.error, plan.fills.shaded
+        goal = goal_of(levels.astype(float) / 255.0, *known)
         if not (condition.aliased or condition.blur or prepared.pens):
             picture = replace(plan, levels=levels) if settings.free_fills else plan
             errors = condition.restored_error, outlined.smaller

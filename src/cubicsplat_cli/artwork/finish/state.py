@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, Still, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import areas_beside
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
+from cubicsplat_cli.artwork.regions.fills import APART
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
@@ -28,6 +29,8 @@ LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
 ROUNDING = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
+# Misfit of a pixel of shading in bands, whose three colours lie evenly within APART levels.
+BANDED = 3.0 * (APART / 255.0) ** 2 / 12.0
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 Over = tuple[DrawnStack, np.ndarray]  # the layers of another state, and where among them those of one lie
 
@@ -155,7 +158,8 @@ class State:
         either side of it; along the outline it hardly changes anything."""
         taps = self.goal.taps
         left = float(2.0 * (taps**2).sum() - taps[0] ** 2)  # of a crossing's change, in squares; 1 without a blur
-        return self.goal.share_error**2 * left * self.effects + self.goal.error**2 + ROUNDING
+        chance = self.goal.share_error**2 * left * self.effects + self.goal.error**2 + ROUNDING
+        return chance if self.goal.shaded is None else chance + BANDED * self.goal.shaded[self.stack.crossings.pixel]
 
     @cached_property
     def effects(self) -> np.ndarray:
@@ -185,10 +189,12 @@ def goal_of(
     space: np.ndarray | None = None,
     share_error: float = FEW_SAMPLES,
     error: float = 0.0,
+    shaded: np.ndarray | None = None,
 ) -> Goal:
     """The goal of a drawing: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
     since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
-    share_error: of the shares of pixels that shapes cover; error: of pixels on edges, of full scale.
+    share_error: of the shares of pixels that shapes cover; error: of pixels on edges, of full scale; shaded: (H, W)
+    bool, pixels of shading, whose fills are bands.
     """
     reach = math.ceil(BLUR_REACH * blur)
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
@@ -198,7 +204,8 @@ def goal_of(
     bound = max(HUBER, ERRORS * share_error)
     half = _half_contrast(target) if share_error > FEW_SAMPLES else None
     steep = (share_error / FEW_SAMPLES) ** 2
-    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error, half, steep)
+    banded = shaded.ravel() if shaded is not None and shaded.any() else None
+    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error, half, steep, banded)
 
 
 def _half_contrast(target: np.ndarray) -> np.ndarray:

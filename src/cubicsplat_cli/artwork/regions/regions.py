@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.regions.fills import (
     CLEAR,
     CONTACT,
     MOST_PALETTE,
+    MOST_SMALL,
     PURE,
     SAME,
     flat_pixels,
@@ -33,15 +34,18 @@ from cubicsplat_cli.artwork.regions.hairlines import (
 )
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import BorderMap, border_map
 from cubicsplat_cli.raster.unmix import (
     REACH,
     STRANGE,
     best_blend,
     components,
+    joined_fills,
     near_fills,
     nearest_fills,
     off_palette,
+    part_fills,
     residual_of_three,
 )
 from cubicsplat_cli.record import record
@@ -107,7 +111,7 @@ class Regions:
 class PixelFills:
     """The fill of every pixel: fills (H, W) int32, indices into a palette (P, 4). parts: (H, W) int32 the connected
     pixels of one fill, numbered from 0 on; sure: (H, W) bool, pixels that are their fill, or for the most part; pure:
-    (H, W) int32 the fill of pixels that are one, -1 for blends.
+    (H, W) int32 the fill of pixels that are one, -1 for blends; shaded: (H, W) bool, those of shading in bands.
     """
 
     palette: np.ndarray
@@ -115,6 +119,7 @@ class PixelFills:
     parts: np.ndarray
     sure: np.ndarray
     pure: np.ndarray
+    shaded: np.ndarray
 
     def regions(self, min_area: float) -> Regions:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
@@ -137,32 +142,39 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     levels, palette = picture.levels, picture.palette
     assert palette is not None
     if picture.labels is None:
-        palette, pure, lined = with_pixel_lines(levels, *_with_fills_of_lines(levels, palette, most), most)
+        palette, pure, shaded = _with_missing_fills(levels, palette, most)
+        palette, pure, lined = with_pixel_lines(levels, palette, pure, most)
         fills = _blends_shared_out(levels, palette, pure, picture.standing)
         lined &= ~stands(palette, picture.standing)[fills]
         fills = np.where(lined, fills, with_lines(levels, palette, fills, STRANGE, LESS, picture.standing))
     else:
-        fills = picture.labels
+        fills, shaded = picture.labels, np.zeros(picture.labels.shape, dtype=bool)
         pure = np.where(off_palette(levels, palette, fills) <= PURE, fills, -1)
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
     # A restored picture has crumbs of its noise.
     sure = _sure(levels, palette, parts, fills, pure, dots=picture.labels is None)
-    return PixelFills(palette, fills, parts, sure, pure)
+    return PixelFills(palette, fills, parts, sure, pure, shaded)
 
 
-def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """The palette with the fills that only thin lines have, less those that lines of other fills make, and (H, W) int32
-    the fill of pixels that are one.
+def _with_missing_fills(
+    levels: np.ndarray, palette: np.ndarray, most: int | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The palette with the fills that only thin lines have, and the bands of shading, less those that lines of other
+    fills make; (H, W) int32 the fill of pixels that are one; and (H, W) bool the pixels of shading.
     """
-    flat, known = flat_pixels(levels, SAME), len(palette)
+    flat, known, shaded = flat_pixels(levels, SAME), len(palette), np.zeros(levels.shape[:2], dtype=bool)
     pure = _pure_fills(levels, palette, flat)
     y, x = np.nonzero(pure < 0)
     if len(y) and known < min(most or MOST_PALETTE, MOST_PALETTE):
         near = near_fills(pure, y, x, REACH)
-        strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
+        residual = best_blend(levels[y, x], palette, near)[1]
+        shaded[y, x] = residual > BLEND
+        shaded = _shading(levels, shaded)
+        strange = _strange(levels, palette, y, x, near, residual)
         y, x = y[strange], x[strange]
-        palette = np.vstack([palette, missing_fills(levels, (y, x), palette[near[strange, 0]])])[:most]
+        lines = missing_fills(levels, (y, x), palette[near[strange, 0]])
+        palette = np.vstack([palette, lines, _bands(levels, shaded)])[:most]
         if len(palette) <= MOST_SEEN:
             fewest = max(FEWEST, LEAST_STRANGE * len(y))
             palette = np.vstack([palette, hidden_fills(levels[y, x], palette, MOST_RESIDUAL, APART, fewest)])[:most]
@@ -173,7 +185,21 @@ def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | No
         if false.any():
             palette = palette[~false]
             pure = _pure_fills(levels, palette, flat)
-    return palette, pure
+    return palette, np.where(shaded, nearest_fills(levels, palette)[0], pure).astype(np.int32), shaded
+
+
+def _shading(levels: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
+    """(H, W) bool: areas 3 px thick of unexplained pixels whose colours change by no more than a band a px."""
+    inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & flat_pixels(levels, 2.0 * APART)
+    return ndimage.binary_dilation(ndimage.large_parts(inside, CONTACT)[0] > 0, ndimage.SQUARE)
+
+
+def _bands(levels: np.ndarray, shaded: np.ndarray) -> np.ndarray:
+    """(k, 4) the fills, about APART levels apart, of the bands in which shading (H, W) bool is drawn."""
+    fills, sizes = part_fills(levels, ndimage.label(shaded)[0], BLEND, APART)
+    order = np.argsort(-sizes, kind="stable")
+    fills, sizes = joined_fills(fills[order], sizes[order], 0.5 * APART, MOST_SMALL)
+    return fills[sizes >= CONTACT]
 
 
 def _pure_fills(levels: np.ndarray, palette: np.ndarray, flat: np.ndarray) -> np.ndarray:
