@@ -285,13 +285,17 @@ def _delta_e(task: Task, made: Made) -> float:
 
 
 def _off(task: Task, drawing: Made) -> float:
-    """Return the mean CIEDE2000 of a drawing, comparable with that of a photo.
+    """Return the mean CIEDE2000 of a drawing, comparable with that of a photo; see `_gain_of_bytes`."""
+    return _delta_e(task, drawing) * _gain_of_bytes(task, drawing)
 
-    A drawing of more bytes than the photo is compared with a photo of as many, whose error is less by the cube root of
-    the ratio: 64 times as many curves gain 11.9 dB (docs/quality.md). So the drawing's counts as larger by that.
+
+def _gain_of_bytes(task: Task, drawing: Made) -> float:
+    """Return by how many times a photo of as many bytes as a drawing is nearer than the photo, if that has fewer.
+
+    The error falls by the cube root of the ratio: 64 times as many curves gain 11.9 dB (docs/quality.md).
     """
     bytes_of_photo = BYTES_PER_CURVE * _usual_curves(task)
-    return _delta_e(task, drawing) * max(1.0, len(drawing.write("", "").encode()) / bytes_of_photo) ** (1.0 / 3.0)
+    return float(max(1.0, len(drawing.write("", "").encode()) / bytes_of_photo) ** (1.0 / 3.0))
 
 
 def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False, or_shaded: bool = False) -> None:
@@ -326,7 +330,8 @@ def photo_is_nearer(
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
-        least_db = drawn_db + (NEARLY_ALL_DB if rise_db else 0.0) + MARGIN_DB
+        rise_db = NEARLY_ALL_DB if rise_db else -20.0 * math.log10(_gain_of_bytes(task, drawing))
+        least_db = drawn_db + rise_db + MARGIN_DB
         photo_db = task.once(PhotoFit).seen_if_above(least_db)
         return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
     photo_db = seen_db(task, task.once(quick_photo, curves), drawing.samples)

@@ -170,11 +170,11 @@ def _with_missing_fills(
         near = near_fills(pure, y, x, REACH)
         residual = best_blend(levels[y, x], palette, near)[1]
         shaded[y, x] = residual > BLEND
-        shaded = _shading(levels, shaded)
+        shaded = _shading(levels, palette, shaded)
         strange = _strange(levels, palette, y, x, near, residual)
         y, x = y[strange], x[strange]
         lines = missing_fills(levels, (y, x), palette[near[strange, 0]])
-        palette = np.vstack([palette, lines, _bands(levels, shaded)])[:most]
+        palette = np.vstack([palette, lines, _bands(levels, palette, shaded)])[:most]
         if len(palette) <= MOST_SEEN:
             fewest = max(FEWEST, LEAST_STRANGE * len(y))
             palette = np.vstack([palette, hidden_fills(levels[y, x], palette, MOST_RESIDUAL, APART, fewest)])[:most]
@@ -188,18 +188,25 @@ def _with_missing_fills(
     return palette, np.where(shaded, nearest_fills(levels, palette)[0], pure).astype(np.int32), shaded
 
 
-def _shading(levels: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
-    """(H, W) bool: areas 3 px thick of unexplained pixels whose colours change by no more than a band a px."""
+def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
+    """(H, W) bool: areas 3 px thick of unexplained pixels, some of them far from every fill, whose colours change by no
+    more than a band a px.
+    """
     inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & flat_pixels(levels, 2.0 * APART)
-    return ndimage.binary_dilation(ndimage.large_parts(inside, CONTACT)[0] > 0, ndimage.SQUARE)
+    parts, _ = ndimage.label(inside)
+    far = nearest_fills(levels, palette)[1] > APART
+    parts, _ = ndimage.renumbered(parts, np.bincount(parts.ravel(), (far & inside).ravel()) >= CONTACT)
+    return ndimage.binary_dilation(parts > 0, ndimage.SQUARE)
 
 
-def _bands(levels: np.ndarray, shaded: np.ndarray) -> np.ndarray:
-    """(k, 4) the fills, about APART levels apart, of the bands in which shading (H, W) bool is drawn."""
+def _bands(levels: np.ndarray, palette: np.ndarray, shaded: np.ndarray) -> np.ndarray:
+    """(k, 4) the fills, about APART levels apart, of the bands in which shading (H, W) bool is drawn, beyond those of a
+    palette.
+    """
     fills, sizes = part_fills(levels, ndimage.label(shaded)[0], BLEND, APART)
     order = np.argsort(-sizes, kind="stable")
     fills, sizes = joined_fills(fills[order], sizes[order], 0.5 * APART, MOST_SMALL)
-    return fills[sizes >= CONTACT]
+    return fills[(sizes >= CONTACT) & (nearest_fills(fills, palette)[1] > APART)]
 
 
 def _pure_fills(levels: np.ndarray, palette: np.ndarray, flat: np.ndarray) -> np.ndarray:
