@@ -39,7 +39,7 @@ from cubicsplat_cli.pipeline.choose import (
     photo_is_nearer,
 )
 from cubicsplat_cli.pipeline.likeness import compared_copies, delta_e, level_db, seen_db
-from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, photo_settings, quick_photo
+from cubicsplat_cli.pipeline.photo import BYTES_PER_CURVE, PhotoFit, curves_of_equal_bytes, photo_settings, quick_photo
 from cubicsplat_cli.pipeline.shaded import most_shaded_db, shaded_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
@@ -446,6 +446,17 @@ def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():
     lead = photo - seen_db(task, drawing.scene, drawing.samples, drawing.blur)
     assert photo_is_nearer(task, drawing, lead + 0.9) is not None
     assert photo_is_nearer(task, drawing, lead + 1.1) is None
+
+
+@pytest.mark.parametrize(("times", "nearer"), [(1, False), (64, True)])
+def test_a_drawing_of_many_bytes_is_compared_with_a_photo_of_as_many(times, nearer, monkeypatch):
+    """64 times the bytes are 12 dB."""
+    task = task_for(blotches(), steps=40)
+    level = seen_db(task, task.once(PhotoFit).finished.scene, 8)
+    monkeypatch.setattr(choose, "_seen_db", lambda *_: level + 6.0)
+    text = "x" * round(times * BYTES_PER_CURVE * photo_settings(task).curves)
+    drawing = replace(drawn_outlines(task), write=lambda _title, _comment: text)
+    assert (photo_is_nearer(task, drawing) is not None) == nearer
 
 
 def quick_curves(task: Task) -> list[int]:
