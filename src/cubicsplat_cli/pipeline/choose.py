@@ -294,8 +294,7 @@ def _gain_of_bytes(task: Task, drawing: Made) -> float:
 
     The error falls by the cube root of the ratio: 64 times as many curves gain 11.9 dB (docs/quality.md).
     """
-    bytes_of_photo = BYTES_PER_CURVE * _usual_curves(task)
-    return float(max(1.0, len(drawing.write("", "").encode()) / bytes_of_photo) ** (1.0 / 3.0))
+    return float(max(1.0, drawing.bytes / (BYTES_PER_CURVE * _usual_curves(task))) ** (1.0 / 3.0))
 
 
 def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False, or_shaded: bool = False) -> None:

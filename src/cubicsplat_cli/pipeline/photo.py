@@ -107,10 +107,9 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     most = max(task.request.settings.curves or 0, USUAL_CURVES)
     if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
         return most
-    size = len(drawing.write("", "").encode())
     if task.request.max_bytes is not None and not task.request.counts_compressed:
         most = min(most, max(1, int((task.request.max_bytes - HEADER_BYTES) / BYTES_PER_CURVE)))
-    return min(max(round(size / BYTES_PER_CURVE), 1), most)
+    return min(max(round(drawing.bytes / BYTES_PER_CURVE), 1), most)
 
 
 def quick_photo(task: Task, curves: int) -> Scene:

@@ -126,6 +126,11 @@ class Made:
     small: Picture | None = None
     unavoidable_error: float = 0.0
 
+    @cached_property
+    def bytes(self) -> int:
+        """The size of the SVG without a title and a comment."""
+        return len(self.write("", "").encode())
+
     def with_note(self, note: str) -> Made:
         """Return the result with one more note."""
         return replace(self, notes=[*self.notes, note])

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.regions.fills import (
     CONTACT,
     MOST_PALETTE,
     MOST_SMALL,
+    OPAQUE,
     PURE,
     SAME,
     flat_pixels,
@@ -189,9 +190,10 @@ def _with_missing_fills(
 
 
 def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
-    """(H, W) bool: areas 3 px thick of unexplained pixels, some of them far from every fill, whose colours change by no
+    """(H, W) bool: opaque areas 3 px thick of unexplained pixels, some far from every fill, whose colours change by no
     more than a band a px.
     """
+    unexplained = unexplained & (levels[..., 3] >= OPAQUE)
     inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & flat_pixels(levels, 2.0 * APART)
     parts, _ = ndimage.label(inside)
     far = nearest_fills(levels, palette)[1] > APART
