@@ -329,8 +329,8 @@ def photo_is_nearer(
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
-        rise_db = NEARLY_ALL_DB if rise_db else -20.0 * math.log10(_gain_of_bytes(task, drawing))
-        least_db = drawn_db + rise_db + MARGIN_DB
+        ahead_db = NEARLY_ALL_DB if rise_db else -20.0 * math.log10(_gain_of_bytes(task, drawing))
+        least_db = drawn_db + ahead_db + MARGIN_DB
         photo_db = task.once(PhotoFit).seen_if_above(least_db)
         return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
     photo_db = seen_db(task, task.once(quick_photo, curves), drawing.samples)

@@ -174,8 +174,8 @@ def _with_missing_fills(
         shaded = _shading(levels, palette, shaded)
         strange = _strange(levels, palette, y, x, near, residual)
         y, x = y[strange], x[strange]
-        lines = missing_fills(levels, (y, x), palette[near[strange, 0]])
-        palette = np.vstack([palette, lines, _bands(levels, palette, shaded)])[:most]
+        bands = _bands(levels, palette, shaded) if shaded.any() else palette[:0]
+        palette = np.vstack([palette, missing_fills(levels, (y, x), palette[near[strange, 0]]), bands])[:most]
         if len(palette) <= MOST_SEEN:
             fewest = max(FEWEST, LEAST_STRANGE * len(y))
             palette = np.vstack([palette, hidden_fills(levels[y, x], palette, MOST_RESIDUAL, APART, fewest)])[:most]
@@ -186,7 +186,8 @@ def _with_missing_fills(
         if false.any():
             palette = palette[~false]
             pure = _pure_fills(levels, palette, flat)
-    return palette, np.where(shaded, nearest_fills(levels, palette)[0], pure).astype(np.int32), shaded
+    pure[shaded] = nearest_fills(levels[shaded], palette)[0]
+    return palette, pure, shaded
 
 
 def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
@@ -195,10 +196,9 @@ def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -
     """
     unexplained = unexplained & (levels[..., 3] >= OPAQUE)
     inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & flat_pixels(levels, 2.0 * APART)
-    parts, _ = ndimage.label(inside)
-    far = nearest_fills(levels, palette)[1] > APART
-    parts, _ = ndimage.renumbered(parts, np.bincount(parts.ravel(), (far & inside).ravel()) >= CONTACT)
-    return ndimage.binary_dilation(parts > 0, ndimage.SQUARE)
+    parts, count = ndimage.label(inside)
+    far = np.bincount(parts[inside], nearest_fills(levels[inside], palette)[1] > APART, count + 1)
+    return ndimage.binary_dilation((far >= CONTACT)[parts], ndimage.SQUARE)
 
 
 def _bands(levels: np.ndarray, palette: np.ndarray, shaded: np.ndarray) -> np.ndarray:
