@@ -286,7 +286,7 @@ def test_a_large_picture_has_no_more_curves_than_a_copy_of_it(monkeypatch):
 
 def test_soft_objects_are_shaded_where_the_style_is_chosen():
     chosen, artwork = (
-        vectorize(image_of_ball(3), style=style, steps=120, threads=1, measure=False) for style in ("auto", "artwork")
+        vectorize(image_of_ball(4), style=style, steps=120, threads=1, measure=False) for style in ("auto", "artwork")
     )
     assert chosen.report.style == "artwork" and chosen.report.shaded
     assert any(note.startswith("shaded within its outlines: ") for note in chosen.report.notes)

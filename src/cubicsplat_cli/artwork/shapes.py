@@ -87,12 +87,14 @@ class Drawing:
     """Shapes back to front on a canvas of width x height px, which is transparent elsewhere.
 
     abutting: shapes overlap only on purpose, beneath later ones, and those that touch share edges to the last digit.
+    banded: some fills are bands of shading.
     """
 
     width: int
     height: int
     shapes: tuple[Shape, ...]
     abutting: bool = False
+    banded: bool = False
 
     @property
     def fills(self) -> tuple[Rgba, ...]:
@@ -141,7 +143,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
         )
         for shape in drawing.shapes
     )
-    return Drawing(width, height, shapes)
+    return replace(drawing, width=width, height=height, shapes=shapes)
 
 
 def _alike(across: float, down: float) -> bool:

@@ -126,7 +126,7 @@ def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
     if across == down == 1.0:
         return drawing
     whole = scaled_drawing(drawing, round(drawing.width * across), round(drawing.height * down))
-    return Drawing(prepared.width, prepared.height, whole.shapes)
+    return replace(whole, width=prepared.width, height=prepared.height)
 
 
 class _NoPlaceError(Exception):

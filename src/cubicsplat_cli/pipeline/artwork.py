@@ -196,7 +196,8 @@ def result_of_drawing(drawing: Drawing, request: Request) -> Made:
         text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
         return minified(text) if request.tiny else text
 
-    return Made(picture_of(drawing) if drawing.shapes else None, write, SAMPLES, len(drawing.shapes), facts=facts)
+    scene, banded = picture_of(drawing) if drawing.shapes else None, drawing.banded
+    return Made(scene, write, SAMPLES, len(drawing.shapes), facts=facts, banded=banded)
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:

@@ -269,7 +269,11 @@ def _failure(style: str, error: Exception) -> str:
 
 
 def _enough_db(drawing: Made) -> float:
-    """Return the level of a drawing that has lost nothing, or nothing but noise or steps of its picture."""
+    """Return the level of a drawing that has lost nothing, or nothing but noise or steps of its picture; infinite if
+    it has lost the softness of shading.
+    """
+    if drawing.banded:
+        return math.inf
     error = drawing.unavoidable_error / 255.0
     return min(ENOUGH_DB, decibels(error**2) - MARGIN_DB) if error else ENOUGH_DB
 
@@ -318,7 +322,7 @@ def photo_is_nearer(
     if math.isinf(drawn_db):
         return None
     curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
-    if not quick and curves < _usual_curves(task):
+    if not (quick or drawing.banded) and curves < _usual_curves(task):
         # A quick photo repeats few artefacts of a lossy file.
         off, quick_off = _delta_e(task, drawing), delta_e(task, task.once(quick_photo, all_curves), drawing.samples)
         if off <= quick_off:

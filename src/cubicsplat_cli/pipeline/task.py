@@ -109,7 +109,7 @@ class Made:
     report. style: the style, and why; set by `candidates`. interrupted: a Ctrl-C ended the work early. may_be_photo:
     a photo may be nearer to the picture, so the two are compared; true of all drawings but those of cells and scans.
     of_scan: a drawing without the paper. blur: px of the target's blur, which the drawing does not have. small: the
-    target before it was enlarged, if it was. unavoidable_error: as of `PreparedInput`.
+    target before it was enlarged, if it was. unavoidable_error: as of `PreparedInput`. banded: as of `Drawing`.
     """
 
     scene: AnyScene | None
@@ -125,8 +125,9 @@ class Made:
     blur: float = 0.0
     small: Picture | None = None
     unavoidable_error: float = 0.0
+    banded: bool = False
 
-    @cached_property
+    @property
     def bytes(self) -> int:
         """The size of the SVG without a title and a comment."""
         return len(self.write("", "").encode())
