@@ -74,7 +74,7 @@ def polygons(plan: Plan, flat: Flattened, steps: int = 1, fitted: Sequence[tuple
         name = shape_name(fill, outlines, width, height)
         gradient, *over = flat.meant(part.fill) or (None,)
         shapes.append(Shape(fill, outlines, name, gradient, over=tuple(over)))
-    return Drawing(width, height, tuple(shapes), banded=bool(plan.fills.shaded.any()))
+    return Drawing(width, height, tuple(shapes), banded=bool(plan.fills.banded.any()))
 
 
 def length(drawing: Drawing) -> float:

@@ -259,12 +259,12 @@ def _finished(
         # Restored edges are less certain than those of the picture as it was read.
         levels = plan.levels if condition.clean else target
         space = seen_as(condition, sharp=target is not flat.levels)
-        known = condition.blur, space, condition.share_error, outlined.error, plan.fills.shaded
-        goal = goal_of(levels.astype(float) / 255.0, *known)
+        errors = condition.share_error, outlined.error
+        goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, *errors, plan.fills.banded)
         if not (condition.aliased or condition.blur or prepared.pens):
             picture = replace(plan, levels=levels) if settings.free_fills else plan
-            errors = condition.restored_error, outlined.smaller
-            drawing, state = or_finer(drawing, goal, picture, scaled, flat, outlined.placeholders, *errors)
+            known = outlined.placeholders, condition.restored_error, outlined.smaller
+            drawing, state = or_finer(drawing, goal, picture, scaled, flat, *known)
         drawing = polish(drawing, goal, settings.detail, state, lambda fitted: on_sketch(_painted(fitted)))
         if condition.clean and not (condition.aliased or grid):
             drawing = polish_closer(drawing, goal, settings.detail)

@@ -59,7 +59,7 @@ class Goal:
     counts only without one. share_error: standard deviation of the shares of pixels that shapes cover in the target;
     error: that of pixels on edges, of full scale, beyond that of a clean picture. half: (H, W) of a target without
     anti-aliasing the weighted residual beyond which a pixel is on the wrong side of an edge, else None; steep: the
-    weight of the square of what is beyond. shaded: (H W,) bool, pixels of shading in bands of fills, or None."""
+    weight of the square of what is beyond. banded: (H W,) bool, pixels of shading in bands of fills, or None."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -72,7 +72,7 @@ class Goal:
     error: float = 0.0
     half: np.ndarray | None = None
     steep: float = 0.0
-    shaded: np.ndarray | None = None
+    banded: np.ndarray | None = None
 
     @property
     def reach(self) -> int:

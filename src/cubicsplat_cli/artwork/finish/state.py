@@ -159,7 +159,7 @@ class State:
         taps = self.goal.taps
         left = float(2.0 * (taps**2).sum() - taps[0] ** 2)  # of a crossing's change, in squares; 1 without a blur
         chance = self.goal.share_error**2 * left * self.effects + self.goal.error**2 + ROUNDING
-        return chance if self.goal.shaded is None else chance + BANDED * self.goal.shaded[self.stack.crossings.pixel]
+        return chance if self.goal.banded is None else chance + BANDED * self.goal.banded[self.stack.crossings.pixel]
 
     @cached_property
     def effects(self) -> np.ndarray:
@@ -189,11 +189,11 @@ def goal_of(
     space: np.ndarray | None = None,
     share_error: float = FEW_SAMPLES,
     error: float = 0.0,
-    shaded: np.ndarray | None = None,
+    banded: np.ndarray | None = None,
 ) -> Goal:
     """The goal of a drawing: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
     since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
-    share_error: of the shares of pixels that shapes cover; error: of pixels on edges, of full scale; shaded: (H, W)
+    share_error: of the shares of pixels that shapes cover; error: of pixels on edges, of full scale; banded: (H, W)
     bool, pixels of shading, whose fills are bands.
     """
     reach = math.ceil(BLUR_REACH * blur)
@@ -204,8 +204,8 @@ def goal_of(
     bound = max(HUBER, ERRORS * share_error)
     half = _half_contrast(target) if share_error > FEW_SAMPLES else None
     steep = (share_error / FEW_SAMPLES) ** 2
-    banded = shaded.ravel() if shaded is not None and shaded.any() else None
-    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error, half, steep, banded)
+    bands = banded.ravel() if banded is not None and banded.any() else None
+    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error, half, steep, bands)
 
 
 def _half_contrast(target: np.ndarray) -> np.ndarray:

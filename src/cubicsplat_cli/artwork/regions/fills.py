@@ -98,9 +98,14 @@ def _small_fills(levels: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _limited(fills: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Near fills joined to the commoner one; then the commonest."""
-    order = np.argsort(-weights, kind="stable")
-    kept, sizes = joined_fills(fills[order], weights[order], SAME, 2 * MOST_COLORS)
+    kept, sizes = commoner_fills(fills, weights, SAME, 2 * MOST_COLORS)
     return kept[np.argsort(-sizes, kind="stable")[:MOST_COLORS]]
+
+
+def commoner_fills(fills: np.ndarray, weights: np.ndarray, same: float, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """As `joined_fills`, each with the nearest commoner one."""
+    order = np.argsort(-weights, kind="stable")
+    return joined_fills(fills[order], weights[order], same, most)
 
 
 def eight_bit(fill: np.ndarray) -> tuple[int, int, int, int]:

@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.regions.fills import (
     OPAQUE,
     PURE,
     SAME,
+    commoner_fills,
     flat_pixels,
     has_square,
 )
@@ -42,7 +43,6 @@ from cubicsplat_cli.raster.unmix import (
     STRANGE,
     best_blend,
     components,
-    joined_fills,
     near_fills,
     nearest_fills,
     off_palette,
@@ -112,7 +112,7 @@ class Regions:
 class PixelFills:
     """The fill of every pixel: fills (H, W) int32, indices into a palette (P, 4). parts: (H, W) int32 the connected
     pixels of one fill, numbered from 0 on; sure: (H, W) bool, pixels that are their fill, or for the most part; pure:
-    (H, W) int32 the fill of pixels that are one, -1 for blends; shaded: (H, W) bool, those of shading in bands.
+    (H, W) int32 the fill of pixels that are one, -1 for blends; banded: (H, W) bool, those of shading in bands.
     """
 
     palette: np.ndarray
@@ -120,7 +120,7 @@ class PixelFills:
     parts: np.ndarray
     sure: np.ndarray
     pure: np.ndarray
-    shaded: np.ndarray
+    banded: np.ndarray
 
     def regions(self, min_area: float) -> Regions:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
@@ -143,19 +143,19 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     levels, palette = picture.levels, picture.palette
     assert palette is not None
     if picture.labels is None:
-        palette, pure, shaded = _with_missing_fills(levels, palette, most)
+        palette, pure, banded = _with_missing_fills(levels, palette, most)
         palette, pure, lined = with_pixel_lines(levels, palette, pure, most)
         fills = _blends_shared_out(levels, palette, pure, picture.standing)
         lined &= ~stands(palette, picture.standing)[fills]
         fills = np.where(lined, fills, with_lines(levels, palette, fills, STRANGE, LESS, picture.standing))
     else:
-        fills, shaded = picture.labels, np.zeros(picture.labels.shape, dtype=bool)
+        fills, banded = picture.labels, np.zeros(picture.labels.shape, dtype=bool)
         pure = np.where(off_palette(levels, palette, fills) <= PURE, fills, -1)
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
     # A restored picture has crumbs of its noise.
     sure = _sure(levels, palette, parts, fills, pure, dots=picture.labels is None)
-    return PixelFills(palette, fills, parts, sure, pure, shaded)
+    return PixelFills(palette, fills, parts, sure, pure, banded)
 
 
 def _with_missing_fills(
@@ -164,17 +164,17 @@ def _with_missing_fills(
     """The palette with the fills that only thin lines have, and the bands of shading, less those that lines of other
     fills make; (H, W) int32 the fill of pixels that are one; and (H, W) bool the pixels of shading.
     """
-    flat, known, shaded = flat_pixels(levels, SAME), len(palette), np.zeros(levels.shape[:2], dtype=bool)
+    flat, known, banded = flat_pixels(levels, SAME), len(palette), np.zeros(levels.shape[:2], dtype=bool)
     pure = _pure_fills(levels, palette, flat)
     y, x = np.nonzero(pure < 0)
     if len(y) and known < min(most or MOST_PALETTE, MOST_PALETTE):
         near = near_fills(pure, y, x, REACH)
         residual = best_blend(levels[y, x], palette, near)[1]
-        shaded[y, x] = residual > BLEND
-        shaded = _shading(levels, palette, shaded)
+        banded[y, x] = residual > BLEND
+        banded = _shading(levels, palette, banded)
         strange = _strange(levels, palette, y, x, near, residual)
         y, x = y[strange], x[strange]
-        bands = _bands(levels, palette, shaded) if shaded.any() else palette[:0]
+        bands = _bands(levels, palette, banded) if banded.any() else palette[:0]
         palette = np.vstack([palette, missing_fills(levels, (y, x), palette[near[strange, 0]]), bands])[:most]
         if len(palette) <= MOST_SEEN:
             fewest = max(FEWEST, LEAST_STRANGE * len(y))
@@ -186,8 +186,8 @@ def _with_missing_fills(
         if false.any():
             palette = palette[~false]
             pure = _pure_fills(levels, palette, flat)
-    pure[shaded] = nearest_fills(levels[shaded], palette)[0]
-    return palette, pure, shaded
+    pure[banded] = nearest_fills(levels[banded], palette)[0]
+    return palette, pure, banded
 
 
 def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
@@ -201,13 +201,12 @@ def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -
     return ndimage.binary_dilation((far >= CONTACT)[parts], ndimage.SQUARE)
 
 
-def _bands(levels: np.ndarray, palette: np.ndarray, shaded: np.ndarray) -> np.ndarray:
+def _bands(levels: np.ndarray, palette: np.ndarray, banded: np.ndarray) -> np.ndarray:
     """(k, 4) the fills, about APART levels apart, of the bands in which shading (H, W) bool is drawn, beyond those of a
     palette.
     """
-    fills, sizes = part_fills(levels, ndimage.label(shaded)[0], BLEND, APART)
-    order = np.argsort(-sizes, kind="stable")
-    fills, sizes = joined_fills(fills[order], sizes[order], 0.5 * APART, MOST_SMALL)
+    found = part_fills(levels, ndimage.label(banded)[0], BLEND, APART)
+    fills, sizes = commoner_fills(*found, 0.5 * APART, MOST_SMALL)
     return fills[(sizes >= CONTACT) & (nearest_fills(fills, palette)[1] > APART)]
 
 
