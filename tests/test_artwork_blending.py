@@ -78,6 +78,17 @@ def test_text_for_an_lcd_on_a_button_that_gets_darker_downwards_and_whose_frame_
     assert np.abs(found - plain)[:, :80].mean() < 0.15 * np.abs(came - plain)[:, :80].mean()
 
 
+def test_text_for_an_lcd_that_a_frame_goes_on_from():
+    """As the name of a group of buttons."""
+    plain, came = (np.pad(_text(taps, 1), ((0, 60), (0, 104), (0, 0)), mode="edge") for taps in (None, (1, 2, 3, 2, 1)))
+    for levels in (plain, came):
+        levels[28, 82:190], levels[28:90, 190] = [90.0, 90.0, 90.0, 255.0], [90.0, 90.0, 90.0, 255.0]
+        levels[90, 4:191], levels[34:90, 4] = [90.0, 90.0, 90.0, 255.0], [90.0, 90.0, 90.0, 255.0]
+    found = without_subpixels(came)
+    assert (found[28:91, 92:] == came[28:91, 92:]).all()
+    assert np.abs(found - plain)[:40, 70:91].mean() < 0.2 * np.abs(came - plain)[:40, 70:91].mean()
+
+
 def test_text_for_an_lcd_has_one_fill_on_a_ground_that_changes_both_ways():
     """As in windows with a glow."""
     rows, columns = np.linspace(240.0, 210.0, 40)[:, None, None], np.linspace(0.0, 3.0, 96)[None, :, None]

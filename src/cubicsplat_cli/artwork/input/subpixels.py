@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import EVEN
+from cubicsplat_cli.artwork.regions.fills import EVEN, LONG
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
@@ -83,7 +83,7 @@ def _parts(colours: np.ndarray, opaque: np.ndarray) -> _Parts | None:
     one colour on both sides, as on buttons that get darker downwards; None if there are none.
     """
     even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= 2.0 * DRIFT)
-    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool)) | ~opaque
+    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool)) | ~opaque | _lines(colours)
     at, values = np.flatnonzero(~even), colours.reshape(-1, 3)
     # Pixels that equal the ground on one side, as between two letters, are ground.
     for side in _beside(even, at):
@@ -97,6 +97,14 @@ def _parts(colours: np.ndarray, opaque: np.ndarray) -> _Parts | None:
     within = (before >= 0) & (np.abs(off) <= DRIFT).all(axis=1)
     at, ground = at[within], ground[within].astype(float)
     return _Parts(at, labels.ravel()[at], values[at] - ground, ground, count + 1) if len(at) else None
+
+
+def _lines(colours: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool: pixels of level and upright lines of one colour, LONG px and more, as frames around text."""
+    out = np.zeros(colours.shape[:2], dtype=bool)
+    for side in ((1, LONG + 1), (LONG + 1, 1)):
+        out |= ndimage.binary_opening(spread(colours, *(min(3, n) for n in side)) == 0.0, np.ones(side, dtype=bool))
+    return out
 
 
 def _beside(even: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
