@@ -111,6 +111,16 @@ def test_a_letter_is_of_one_ink_though_a_paler_one_would_explain_some_of_it() ->
     assert alone[0].tolist() == [0] and alone[1].tolist() == [1] and alone[2][0] == pytest.approx(1.0)
 
 
+def test_a_pale_letter_has_the_palest_ink_that_explains_it() -> None:
+    palette = np.array([PAPER, [0.0, 0.0, 0.0, 255.0], [120.0, 120.0, 120.0, 255.0], [190.0, 190.0, 190.0, 255.0]])
+    share = np.linspace(0.2, 1.0, 9)[:, None]
+    values = palette[0] + share * (palette[3] - palette[0])
+    near = np.tile([0, -1, -1, -1], (9, 1))
+    first, second, found = blend_pairs(values, np.zeros(9, int), palette, near, 3.0)
+    assert (first == 0).all() and (second == 3).all()
+    assert np.allclose(found, share[:, 0], atol=0.01)
+
+
 def test_what_falls_to_pieces_is_not_traced_finer() -> None:
     noise = np.random.default_rng(0).choice([20.0, 255.0], (20, 20))
     soft = (noise + np.roll(noise, 1, 0) + np.roll(noise, 1, 1)) / 3.0

@@ -31,6 +31,18 @@ def test_a_faint_line_has_the_fill_that_it_is_a_blend_of() -> None:
     assert regions.fills[regions.labels[30, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
 
 
+def test_a_short_pale_stroke_has_the_pale_fill_though_a_common_dark_one_explains_it_as_well() -> None:
+    levels = np.full((60, 90, 4), 255.0, dtype=np.float32)
+    levels[5:35, 5:35, :3], levels[45:55, 5:15, :3] = 0.0, 190.0
+    y, x = np.mgrid[0:60, 40:90]
+    share = np.clip(1.0 - np.abs(x - 65.0 - 0.31 * (y - 30.0)), 0.0, 1.0) * (np.abs(y - 30) <= 3)
+    levels[:, 40:, :3] = np.rint(255.0 - 65.0 * share)[..., None]
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
+    found = regions.fills[regions.labels[:, 40:]][..., 0]
+    assert set(found.ravel().tolist()) == {255.0, 190.0}
+    assert (found[share > 0.7] == 190.0).all()
+
+
 def test_a_line_adds_the_fill_that_only_it_has() -> None:
     regions = regions_of(np.tile([200.0, 0.0, 0.0], (40, 1)))
     assert regions.fills[regions.labels[30, 30]].tolist() == [200.0, 0.0, 0.0, 255.0]

@@ -60,18 +60,17 @@ def nearest_line_fills(
     close: float = CLOSE,
     less: float = LESS,
     window: int = WINDOW,
-    faint: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the fill (n,) of the line to which each unexplained pixel of a place in a picture (H, W, 4) belongs, -1
     for none; and (n,) bool: True if the pixel is mostly the line's, or lies on its middle.
 
     standing: (G, 4) fills that no line has. close: levels of a line's residual. less: share from which a pixel on the
-    middle belongs to the line. window: px in which a line keeps its fill. faint: levels that a fill costs which has no
-    share in its pixels.
+    middle belongs to the line. window: px in which a line keeps its fill.
     """
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
-    fills, costs = without(palette, standing)[:MOST_SEEN], (MOST_RESIDUAL, faint, LATER)
+    # A pale line is a blend of any darker fill: of those it is the palest.
+    fills, costs = without(palette, standing)[:MOST_SEEN], (MOST_RESIDUAL, SEEN, LATER)
     fill, share, gap = fills_of_lines(levels[place], place, fills, (first, second), window, costs)
     fill = np.where(gap <= close, fill, -1)
     shares = np.zeros(levels.shape[:2])
@@ -121,7 +120,7 @@ def with_lines(
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    fill, own = nearest_line_fills(levels, (y, x), palette, near, standing, max(CLOSE, off), less, 3 * CONTACT, SEEN)
+    fill, own = nearest_line_fills(levels, (y, x), palette, near, standing, max(CLOSE, off), less, 3 * CONTACT)
     # Pixels beside an area of the line's colour are its edge.
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)
     out = labels.copy()

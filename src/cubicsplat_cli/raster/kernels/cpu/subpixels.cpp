@@ -12,9 +12,10 @@
 namespace cs {
 namespace {
 
-constexpr int64_t kAtOnce = 16;                   // pixels that go through the network together
-constexpr int kHalvings = 20;                     // of the range of a shift of logits
-constexpr double kMostShift = 24.0;               // beyond which hardly any share changes
+constexpr int64_t kAtOnce = 16;      // pixels that go through the network together
+constexpr int kHalvings = 20;        // of the range of a shift of logits
+constexpr double kMostShift = 24.0;  // beyond which hardly any share changes
+constexpr double kFaint = 2.0;       // levels that a fill costs that a pixel shows nothing of: rounding tells no less
 constexpr int64_t kLetter = 4096, kFewFills = 4;  // pixels of a part whose fills are few, and how many these are
 
 // A network of full layers, each but the last one cut off at nothing below. sizes: layers + 1; weights: of each layer
@@ -179,7 +180,8 @@ Pair likeliest(const Colour& value, int64_t fills, const double* palette, int64_
   return best;
 }
 
-// Gives the values of a part blends of few fills in place of their likeliest ones, if these explain them as well.
+// Gives the values of a part blends of few fills in place of their likeliest ones, if these explain them as well: of
+// fills that do so equally, since a pale line is a blend of many darker ones, that which the values show most of.
 void with_few_fills(const std::vector<int64_t>& part, const float* values, int64_t fills, const double* palette,
                     int64_t slots, const int32_t* near, double farther, std::vector<Pair>& pairs) {
   std::vector<int64_t> votes(fills, 0);
@@ -188,12 +190,12 @@ void with_few_fills(const std::vector<int64_t>& part, const float* values, int64
   std::vector<int32_t> chosen{int32_t(std::max_element(votes.begin(), votes.end()) - votes.begin())};
   std::vector<Pair> found(part.size(), {chosen[0], chosen[0], 0.0, INFINITY}), best(found), trial(found);
   while (int64_t(chosen.size()) < std::min(kFewFills, fills)) {
-    double least = INFINITY;
+    double least = INFINITY, rest = INFINITY;
     int32_t added = -1;
     for (int32_t fill = 0; fill < fills; fill++) {
       if (std::find(chosen.begin(), chosen.end(), fill) != chosen.end()) continue;
-      double excess = 0.0;
-      for (size_t n = 0; n < part.size() && excess < least; n++) {
+      double excess = 0.0, faint = 0.0;
+      for (size_t n = 0; n < part.size() && excess + faint < least; n++) {
         trial[n] = found[n];
         for (const int32_t other : chosen) {
           Pair pair = blend_pair(colour(values + 4 * part[n]), palette, other, fill);
@@ -201,13 +203,14 @@ void with_few_fills(const std::vector<int64_t>& part, const float* values, int64
           if (pair.off < trial[n].off) trial[n] = pair;
         }
         const double worse = std::max(trial[n].off - pairs[part[n]].off, 0.0);
-        excess += worse * worse;
+        const double unseen = kFaint * (trial[n].second == fill ? 1.0 - trial[n].share : 1.0);
+        excess += worse * worse, faint += unseen * unseen;
       }
-      if (excess < least) least = excess, added = fill, std::swap(best, trial);
+      if (excess + faint < least) least = excess + faint, rest = excess, added = fill, std::swap(best, trial);
     }
     if (added < 0) return;
     chosen.push_back(added), found = best;
-    if (least < farther * farther * double(part.size())) {
+    if (rest < farther * farther * double(part.size())) {
       for (size_t n = 0; n < part.size(); n++) pairs[part[n]] = found[n];
       return;
     }
