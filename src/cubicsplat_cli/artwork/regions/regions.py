@@ -16,7 +16,6 @@ from cubicsplat_cli.artwork.regions.fills import (
     CONTACT,
     MOST_PALETTE,
     MOST_SMALL,
-    OPAQUE,
     PURE,
     SAME,
     commoner_fills,
@@ -191,11 +190,11 @@ def _with_missing_fills(
 
 
 def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
-    """(H, W) bool: opaque areas 3 px thick of unexplained pixels, some far from every fill, whose colours change by no
-    more than a band a px.
+    """(H, W) bool: areas 3 px thick of unexplained pixels of one opacity, some far from every fill, whose colours
+    change by no more than a band a px.
     """
-    unexplained = unexplained & (levels[..., 3] >= OPAQUE)
-    inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & flat_pixels(levels, 2.0 * APART)
+    even = flat_pixels(levels[..., 3:]) & flat_pixels(levels, 2.0 * APART) & (levels[..., 3] > CLEAR)
+    inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & even
     parts, count = ndimage.label(inside)
     far = np.bincount(parts[inside], nearest_fills(levels[inside], palette)[1] > APART, count + 1)
     return ndimage.binary_dilation((far >= CONTACT)[parts], ndimage.SQUARE)
