@@ -82,8 +82,12 @@ def _parts(colours: np.ndarray, opaque: np.ndarray) -> _Parts | None:
     """Return the parts of a picture (H, W, 3) where it is opaque (H, W) bool, with those of their rows that have about
     one colour on both sides, as on buttons that get darker downwards; None if there are none.
     """
-    even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= 2.0 * DRIFT)
-    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool)) | ~opaque | _lines(colours)
+    level, upright = spread(colours, 1, 3) == 0.0, spread(colours, 3, 1) == 0.0
+    even = level & (spread(colours, 3, 3) <= 2.0 * DRIFT)
+    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool)) | ~opaque
+    # Frames go on from the text that they are around.
+    even |= ndimage.binary_opening(level, np.ones((1, LONG + 1), dtype=bool))
+    even |= ndimage.binary_opening(upright, np.ones((LONG + 1, 1), dtype=bool))
     at, values = np.flatnonzero(~even), colours.reshape(-1, 3)
     # Pixels that equal the ground on one side, as between two letters, are ground.
     for side in _beside(even, at):
@@ -97,14 +101,6 @@ def _parts(colours: np.ndarray, opaque: np.ndarray) -> _Parts | None:
     within = (before >= 0) & (np.abs(off) <= DRIFT).all(axis=1)
     at, ground = at[within], ground[within].astype(float)
     return _Parts(at, labels.ravel()[at], values[at] - ground, ground, count + 1) if len(at) else None
-
-
-def _lines(colours: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: pixels of level and upright lines of one colour, LONG px and more, as frames around text."""
-    out = np.zeros(colours.shape[:2], dtype=bool)
-    for side in ((1, LONG + 1), (LONG + 1, 1)):
-        out |= ndimage.binary_opening(spread(colours, *(min(3, n) for n in side)) == 0.0, np.ones(side, dtype=bool))
-    return out
 
 
 def _beside(even: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
