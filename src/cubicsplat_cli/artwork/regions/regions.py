@@ -193,8 +193,10 @@ def _shading(levels: np.ndarray, palette: np.ndarray, unexplained: np.ndarray) -
     """(H, W) bool: areas 3 px thick of unexplained pixels of one opacity, some far from every fill, whose colours
     change by no more than a band a px.
     """
-    even = flat_pixels(levels[..., 3:]) & flat_pixels(levels, 2.0 * APART) & (levels[..., 3] > CLEAR)
-    inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE) & even
+    inside = ndimage.binary_erosion(unexplained, ndimage.SQUARE)
+    if not inside.any():
+        return inside
+    inside &= flat_pixels(levels[..., 3:]) & flat_pixels(levels, 2.0 * APART) & (levels[..., 3] > CLEAR)
     parts, count = ndimage.label(inside)
     far = np.bincount(parts[inside], nearest_fills(levels[inside], palette)[1] > APART, count + 1)
     return ndimage.binary_dilation((far >= CONTACT)[parts], ndimage.SQUARE)
