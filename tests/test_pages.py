@@ -163,6 +163,17 @@ def test_a_round_photo_is_clipped_to_its_form():
     assert np.abs((drawn(result.svg) - pixels)[:, 140:]).max() <= 1.0
 
 
+def test_a_photo_with_round_ends_is_clipped_to_them_and_not_drawn_as_a_thick_stroke():
+    pixels = page((20, 30, 80, 190), frame=False)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    beyond = np.hypot(x - 50, y - np.clip(y, 60, 160)) > 30
+    pixels[beyond & ((x < 140) | (y < 40)) & (y > 20)] = 255
+    result = vectorize(pixels, style="artwork", photo_parts="image", preset="draft", curves=12, threads=1)
+    (shape,) = (shape for shape in read_drawing(result.svg).shapes if shape.shading is not None)
+    assert shape.stroke is None
+    assert level((drawn(result.svg) - pixels)[30:190, 20:80]) > 25.0
+
+
 def test_a_small_photo_on_a_card_with_a_soft_shadow_is_found():
     pixels = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     y, x = np.mgrid[:HEIGHT, :WIDTH]

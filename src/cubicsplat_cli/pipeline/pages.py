@@ -188,4 +188,4 @@ def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene | Embedd
         points = photo.points + np.array([part.left, part.top], np.float32)
         photo = replace(photo, points=points, background=None, width=columns, height=rows)
     outlines = (box,) if part.rectangular else shape.outlines
-    return replace(shape, fill=_fill(ground), outlines=outlines, name=NAME, shading=photo)
+    return replace(shape, fill=_fill(ground), outlines=outlines, stroke=None, name=NAME, shading=photo)
