@@ -9,6 +9,7 @@ import pytest
 from conftest import rest_slow
 from image_files import encode
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
+from scipy.ndimage import gaussian_filter
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
@@ -17,6 +18,7 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_lev
 from cubicsplat_cli.artwork.input.recompressed import before_compression
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.files.load import as_picture, laid_over, load_picture, resize_picture
 from cubicsplat_cli.raster import ndimage
@@ -190,6 +192,26 @@ def test_parts_of_near_fills_have_each_its_own():
     assert len(drawing.shapes) == 4 and not drawing.gradients
     found = np.array(drawing.fills)[1:, :3]
     assert np.abs(found[np.argsort(-found[:, 0])] - [first, second]).max() <= 1
+
+
+def test_small_painted_parts_keep_their_colour_amid_likely_others():
+    """Grain hides that the colour of three small parts, which three other fills are near, is a fill of its own."""
+    parts = [
+        ((8, 10, 96, 110), (252, 215, 218)), ((16, 90, 96, 150), (244, 160, 167)),
+        ((84, 70, 152, 150), (209, 206, 193)),
+        *((box, (250, 192, 194)) for box in ((105, 27, 131, 45), (127, 52, 153, 68), (113, 4, 137, 20))),
+    ]  # fmt: skip
+    large = Image.new("RGB", (640, 640), "white")
+    for box, fill in parts:
+        ImageDraw.Draw(large).ellipse([4 * side for side in box], fill=fill, outline=(20, 16, 16), width=8)
+    levels = np.asarray(large.resize((160, 160), Image.Resampling.LANCZOS)).astype(float)
+    grain = gaussian_filter(np.random.default_rng(2).standard_normal((160, 160)), 1.5)
+    painted = (levels.min(axis=2) > 120) & (levels.min(axis=2) < 240)
+    levels += np.where(painted, 6.0 * grain / grain.std(), 0.0)[..., None]
+    file = encode(Image.fromarray(np.rint(levels.clip(0.0, 255.0)).astype(np.uint8)), "JPEG", quality=84)
+    seen = rerender(vectorize(file, style="artwork", threads=1).svg.encode(), 160, 160).pixels[..., :3]
+    for left, top, right, bottom in (box for box, fill in parts if fill == (250, 192, 194)):
+        assert np.abs(seen[(top + bottom) // 2, (left + right) // 2] - (250.0, 192.0, 194.0)).max() <= 6.0
 
 
 def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():

@@ -15,12 +15,30 @@ from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import MISFIT, OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
-from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, LONG, SAME, TOGETHER, picture_fills
+from cubicsplat_cli.artwork.regions.fills import (
+    APART,
+    FLAT_RANGE,
+    LONG,
+    MOST_SMALL,
+    SAME,
+    TOGETHER,
+    commoner_fills,
+    picture_fills,
+)
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled, spread
+from cubicsplat_cli.raster.unmix import (
+    REACH,
+    best_blend,
+    blend_with,
+    components,
+    near_fills,
+    nearest_fills,
+    relabelled,
+    spread,
+)
 from cubicsplat_cli.record import record
 
 JPEG_TIMES = 4.0  # times the noise by which pixels near a JPEG's edges are off
@@ -178,6 +196,11 @@ def _with_small_parts(
         if trial.cost >= best.cost:
             break
         best = trial
+    for fill in _fills_of_parts(levels, best.palette, best.labels):
+        if len(best.palette) <= MOST_SEEN and largest(np.abs(best.palette - fill)).min() > ONE_COLOUR:
+            trial = fitted(np.insert(best.palette, thick, fill, axis=0), thick + 1)
+            if trial.cost < best.cost and _shows_inside(trial.labels, len(trial.palette))[thick]:
+                best, thick = trial, thick + 1
     for fill in np.flatnonzero(~_shows_inside(best.labels, len(best.palette)))[::-1]:
         others = np.delete(best.palette, fill, axis=0)
         if overshoots(best.palette[fill], others) or smeared(best.palette[fill], others):
@@ -186,6 +209,20 @@ def _with_small_parts(
             if trial.cost <= best.cost:
                 best, thick = trial, fewer
     return best.palette, best.labels
+
+
+def _fills_of_parts(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Return (k, 4) the colours, far from the palette (P, 4), that connected parts of one label have away from edges in
+    a picture (H, W, 4): where it lacks a fill, others stand for that and explain each pixel, but not all together.
+    """
+    parts, count = components(labels)
+    inner = ndimage.alike(labels, 3)
+    sizes = np.bincount(parts[inner], minlength=count)
+    boxes, large = ndimage.find_objects(parts + 1), np.flatnonzero(sizes >= FEWEST_INSIDE)
+    own = (levels[boxes[part]][inner[boxes[part]] & (parts[boxes[part]] == part)] for part in large)
+    colours = np.array([np.median(values, axis=0) for values in own]).reshape(-1, 4)
+    far = largest(np.abs(colours[:, None] - palette)).min(axis=1) > ONE_COLOUR
+    return commoner_fills(colours[far], sizes[large][far].astype(float), ONE_COLOUR, MOST_SMALL)[0]
 
 
 def _is_apart(fill: np.ndarray, palette: np.ndarray) -> bool:
