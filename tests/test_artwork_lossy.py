@@ -194,24 +194,35 @@ def test_parts_of_near_fills_have_each_its_own():
     assert np.abs(found[np.argsort(-found[:, 0])] - [first, second]).max() <= 1
 
 
-def test_small_painted_parts_keep_their_colour_amid_likely_others():
-    """Grain hides that the colour of three small parts, which three other fills are near, is a fill of its own."""
-    parts = [
-        ((8, 10, 96, 110), (252, 215, 218)), ((16, 90, 96, 150), (244, 160, 167)),
-        ((84, 70, 152, 150), (209, 206, 193)),
-        *((box, (250, 192, 194)) for box in ((105, 27, 131, 45), (127, 52, 153, 68), (113, 4, 137, 20))),
-    ]  # fmt: skip
+EAR = (250, 192, 194)
+EARS = (105, 27, 131, 45), (127, 52, 153, 68), (113, 4, 137, 20)
+
+
+def painted(grain: float, quality: int) -> bytes:
+    """A JPEG of 160 x 160 px: ovals in black outlines, some as large as ears, with grain of so many levels."""
+    parts = [((8, 10, 96, 110), (252, 215, 218)), ((16, 90, 96, 150), (244, 160, 167))]
+    parts += [((84, 70, 152, 150), (209, 206, 193)), *((box, EAR) for box in EARS)]
     large = Image.new("RGB", (640, 640), "white")
     for box, fill in parts:
         ImageDraw.Draw(large).ellipse([4 * side for side in box], fill=fill, outline=(20, 16, 16), width=8)
     levels = np.asarray(large.resize((160, 160), Image.Resampling.LANCZOS)).astype(float)
-    grain = gaussian_filter(np.random.default_rng(2).standard_normal((160, 160)), 1.5)
-    painted = (levels.min(axis=2) > 120) & (levels.min(axis=2) < 240)
-    levels += np.where(painted, 6.0 * grain / grain.std(), 0.0)[..., None]
-    file = encode(Image.fromarray(np.rint(levels.clip(0.0, 255.0)).astype(np.uint8)), "JPEG", quality=84)
-    seen = rerender(vectorize(file, style="artwork", threads=1).svg.encode(), 160, 160).pixels[..., :3]
-    for left, top, right, bottom in (box for box, fill in parts if fill == (250, 192, 194)):
-        assert np.abs(seen[(top + bottom) // 2, (left + right) // 2] - (250.0, 192.0, 194.0)).max() <= 6.0
+    soft = gaussian_filter(np.random.default_rng(2).standard_normal((160, 160)), 1.5)
+    inside = (levels.min(axis=2) > 120) & (levels.min(axis=2) < 240)
+    levels += np.where(inside, grain * soft / soft.std(), 0.0)[..., None]
+    return encode(Image.fromarray(np.rint(levels.clip(0.0, 255.0)).astype(np.uint8)), "JPEG", quality=quality)
+
+
+def test_small_painted_parts_keep_their_colour_amid_likely_others():
+    """Grain hides that the colour of three small parts, which three other fills are near, is a fill of its own."""
+    result = vectorize(painted(6.0, 84), style="artwork", threads=1)
+    seen = rerender(result.svg.encode(), 160, 160).pixels[..., :3]
+    for left, top, right, bottom in EARS:
+        assert np.abs(seen[(top + bottom) // 2, (left + right) // 2] - np.array(EAR, float)).max() <= 6.0
+
+
+@pytest.mark.parametrize(("grain", "quality", "most"), [(0.0, 60, 11), (0.0, 84, 11), (10.0, 84, 28)])
+def test_black_outlines_and_painted_parts_are_no_patchwork_of_near_fills(grain, quality, most):
+    assert vectorize(painted(grain, quality), style="artwork", threads=1, measure=False).report.shapes <= most
 
 
 def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():

@@ -22,6 +22,7 @@ from cubicsplat_cli.raster.unmix import (
     relabelled,
     residual_of_three,
     spread,
+    with_joined_parts,
 )
 
 WHITE, BLACK, RED, BLUE = (np.array(c, float) for c in ((255,) * 4, (0, 0, 0, 255), (255, 0, 0, 255), (0, 0, 255, 255)))
@@ -182,3 +183,39 @@ def test_labels_are_chosen_by_their_blends_and_their_neighbours(rng, bounded):
     costs = scale, most, neighbour, unsure
     found = relabelled(labels, seen, fills, (y, x), candidates, costs, bounded=bounded)
     np.testing.assert_array_equal(found, expected)
+
+
+def _cost(labels: np.ndarray, seen: np.ndarray, neighbour: float, sigma: float) -> float:
+    """Nats of a picture in FILLS: of its pixels, and of its borders."""
+    (height, width), total = labels.shape, 0.0
+    for y, x in np.ndindex(labels.shape):
+        own, left = FILLS[labels[y, x]], []
+        for down, right in np.ndindex(3, 3):
+            v, u = y + down - 1, x + right - 1
+            if 0 <= v < height and 0 <= u < width:
+                step = FILLS[labels[v, u]] - own
+                share = np.clip((seen[y, x] - own) @ step / max(step @ step, 1e-9), 0.0, 0.5)
+                left.append((((seen[y, x] - own - share * step) / sigma) ** 2).sum())
+                if labels[v, u] != labels[y, x]:
+                    total += 0.5 * neighbour * (1.0 if down == 1 or right == 1 else np.sqrt(0.5))
+        total += np.log1p(min(left)) + 0.5 * max(min(left) - 16.0, 0.0)
+    return total
+
+
+@pytest.mark.parametrize("near", [300.0, 1000.0])
+def test_small_parts_join_neighbours_until_none_costs_less_so(rng: np.random.Generator, near: float) -> None:
+    shown = np.kron(rng.integers(0, 4, (4, 4)), np.ones((3, 3), int)).astype(np.int32)
+    labels = np.where(rng.random((12, 12)) < 0.2, rng.integers(0, 4, (12, 12)), shown).astype(np.int32)
+    seen = (FILLS[shown] + rng.normal(0.0, 30.0, (12, 12, 4))).astype(np.float32)
+    part, neighbour, sigma, most = 12.0, 0.7, 60.0, 20
+    found = with_joined_parts(labels, seen, FILLS, most, (part, neighbour, sigma**2, near))
+    assert (found != labels).any()
+    before, after = _cost(labels, seen, neighbour, sigma), _cost(found, seen, neighbour, sigma)
+    assert after + part * components(found)[1] < before + part * components(labels)[1]
+    parts, count = components(found)
+    for number in range(count):
+        own = parts == number
+        around = ndimage.binary_dilation(own) & ~own
+        for label in np.unique(found[around]) if own.sum() <= most else ():
+            if np.linalg.norm(FILLS[label] - FILLS[found[own][0]]) <= near:
+                assert _cost(np.where(own, label, found), seen, neighbour, sigma) > after + part - 1e-6

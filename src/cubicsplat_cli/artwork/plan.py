@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.input.condition import MISFIT
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, SMOOTHED, before_compression
-from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.input.restore import restored, without_fragments
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
@@ -49,7 +49,10 @@ def flat_fills(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Flat
         picture = as_if_clean(flat, prepared, settings)
     if compression is not None and compression.known and own_fills:
         error = EDGE_ERROR * (SMOOTHED if compression.webp else 1.0)
-        return flat, *before_compression(levels, flat, picture, condition, compression), error / 255.0
+        picture, target = before_compression(levels, flat, picture, condition, compression)
+        return flat, without_fragments(picture, target, condition), target, error / 255.0
+    if condition.jpeg and own_fills:
+        picture = without_fragments(picture, flat.levels, condition)
     return flat, picture, flat.levels, condition.edge_error / 255.0
 
 

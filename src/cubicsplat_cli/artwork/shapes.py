@@ -16,6 +16,7 @@ from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 
 AnyLine = TypeVar("AnyLine", Outline, Path)
 PRICE = 4.0  # nats that a number of a drawing costs in its description
+FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # numbers of a new fill, and of a shape besides its outlines'
 # The names of hues, up to these degrees.
 _HUES = {
     15: "red", 42: "orange", 68: "yellow", 160: "green", 195: "teal", 255: "blue", 290: "purple", 335: "pink",

@@ -14,7 +14,7 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.polish import MOST
-from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS, State, begin
+from cubicsplat_cli.artwork.finish.state import State, begin
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
@@ -27,7 +27,7 @@ from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills
 from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE, ROUNDING
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
-from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape, scaled_outline, shape_name
+from cubicsplat_cli.artwork.shapes import PRICE, SHAPE_PARAMETERS, Drawing, Shape, scaled_outline, shape_name
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import border_map

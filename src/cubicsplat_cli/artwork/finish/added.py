@@ -16,8 +16,6 @@ from cubicsplat_cli.artwork.finish.proposals import MARGIN, Area, Canvas, Placed
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
 from cubicsplat_cli.artwork.finish.state import (
-    FILL_PARAMETERS,
-    SHAPE_PARAMETERS,
     UNSEEN,
     WHITE,
     Layer,
@@ -29,7 +27,7 @@ from cubicsplat_cli.artwork.finish.state import (
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE
-from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
+from cubicsplat_cli.artwork.shapes import FILL_PARAMETERS, PRICE, SHAPE_PARAMETERS, Drawing, Shape
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal

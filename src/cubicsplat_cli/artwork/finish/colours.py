@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, colours_of
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, SHARE, gradient_of
@@ -22,7 +21,7 @@ from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.palette import UNLIKE
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.scene import scene_of
-from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
+from cubicsplat_cli.artwork.shapes import FILL_PARAMETERS, PRICE, Drawing, Shape
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record

@@ -14,8 +14,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import Constraints
-from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS, WHITE, State, begin, drawn
-from cubicsplat_cli.artwork.shapes import PRICE, Drawing
+from cubicsplat_cli.artwork.finish.state import WHITE, State, begin, drawn
+from cubicsplat_cli.artwork.shapes import PRICE, SHAPE_PARAMETERS, Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 

@@ -27,7 +27,6 @@ NEAR, FAINT_EDGE = 5, 0.05
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
-FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
 ROUNDING = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 # Misfit of a pixel of shading in bands, whose three colours lie evenly within APART levels.
 BANDED = 3.0 * (APART / 255.0) ** 2 / 12.0

@@ -28,6 +28,7 @@ from cubicsplat_cli.artwork.regions.fills import (
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.shapes import PRICE, SHAPE_PARAMETERS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import (
     REACH,
@@ -38,6 +39,7 @@ from cubicsplat_cli.raster.unmix import (
     nearest_fills,
     relabelled,
     spread,
+    with_joined_parts,
 )
 from cubicsplat_cli.record import record
 
@@ -45,6 +47,9 @@ JPEG_TIMES = 4.0  # times the noise by which pixels near a JPEG's edges are off
 NO_BLEND = 6.0  # times the misfit by which other colours are off; errors of rounding are bounded, so less tells there
 NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
+# Nats for a part, like those of a shape besides its outline, which is its neighbours' too; the most px of a part that
+# may be a neighbour's; and the most levels between their fills, a quarter of the scale: so far a JPEG's ringing goes.
+PART, MOST_JOINED, HIDDEN = SHAPE_PARAMETERS * PRICE, 64, 64.0
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
 THIN = 0.25  # least share of a thin line in the pixels on its middle
 SHARP_MISFIT = 2.0  # levels by which a picture is off its fills when it is made sharp again
@@ -62,6 +67,28 @@ def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
         return np.eye(4)
     chroma = 0.7 if sharp or not condition.halved else 0.4
     return LUMA_CHROMA * np.array([1.0, chroma, chroma, 1.0])
+
+
+def misfit_of(condition: Condition) -> float:
+    """Return the levels by which the pixels of a picture in a condition are off their fills and blends."""
+    return condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
+
+
+def without_fragments(picture: FlatPicture, levels: np.ndarray, condition: Condition) -> FlatPicture:
+    """Return a restored picture of levels (H, W, 4) with each small part of a fill in that of a neighbour, where both
+    together are described by less: the price of a shape and its borders weighs more than what its pixels then are off.
+
+    A blurred picture stays, since its edges are wider than blends of neighbours.
+    """
+    labels, palette = picture.labels, picture.palette
+    if labels is None or palette is None or condition.blur:
+        return picture
+    space, sigma = seen_as(condition, sharp=True), misfit_of(condition)
+    seen, fills = (levels @ space).astype(np.float32), palette @ space
+    joined = with_joined_parts(labels, seen, fills, MOST_JOINED, (PART, NEIGHBOUR, sigma**2, HIDDEN))
+    changed = ndimage.binary_dilation(joined != labels, ndimage.SQUARE)
+    painted = mixture_of(seen, fills, joined, sigma, 0.0).painted(palette)
+    return FlatPicture(np.where(changed[..., None], painted, picture.levels), palette, joined)
 
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
@@ -96,7 +123,7 @@ def restored(
         levels = np.clip(sharp @ RGB, 0.0, 255.0).astype(np.float32)
     space = seen_as(condition, sharp=True)
     seen = (levels @ space).astype(np.float32)
-    sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
+    sigma = misfit_of(condition)
     if not condition.rounded:
         nearest, _ = nearest_fills(seen, palette @ space, straight=True)
         palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])

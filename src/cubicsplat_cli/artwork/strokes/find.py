@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR
-from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle, Ring, flattened, pieces_of_rings
 from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE, ROUND, Stroke, line_chain
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import SHAPE_PARAMETERS, Drawing, Shape
 from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
