@@ -50,7 +50,9 @@ def flat_fills(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Flat
     if compression is not None and compression.known and own_fills:
         error = EDGE_ERROR * (SMOOTHED if compression.webp else 1.0)
         picture, target = before_compression(levels, flat, picture, condition, compression)
-        return flat, without_fragments(picture, target, condition), target, error / 255.0
+        # A WebP is smoothed as it is decoded: its small parts are bands of shading, not what ringing leaves.
+        picture = picture if compression.webp else without_fragments(picture, target, condition)
+        return flat, picture, target, error / 255.0
     if condition.jpeg and own_fills:
         picture = without_fragments(picture, flat.levels, condition)
     return flat, picture, flat.levels, condition.edge_error / 255.0
