@@ -208,7 +208,7 @@ def test_small_parts_join_neighbours_until_none_costs_less_so(rng: np.random.Gen
     labels = np.where(rng.random((12, 12)) < 0.2, rng.integers(0, 4, (12, 12)), shown).astype(np.int32)
     seen = (FILLS[shown] + rng.normal(0.0, 30.0, (12, 12, 4))).astype(np.float32)
     part, neighbour, sigma, most = 12.0, 0.7, 60.0, 20
-    found = with_joined_parts(labels, seen, FILLS, most, (part, neighbour, sigma**2, near))
+    found = with_joined_parts(labels, seen, FILLS, most, (part, neighbour, sigma**2, 16.0, near))
     assert (found != labels).any()
     before, after = _cost(labels, seen, neighbour, sigma), _cost(found, seen, neighbour, sigma)
     assert after + part * components(found)[1] < before + part * components(labels)[1]

@@ -80,14 +80,14 @@ def relabelled(
 
 
 def with_joined_parts(
-    labels: np.ndarray, seen: np.ndarray, fills: np.ndarray, most: int, costs: tuple[float, float, float, float]
+    labels: np.ndarray, seen: np.ndarray, fills: np.ndarray, most: int, costs: tuple[float, ...]
 ) -> np.ndarray:
     """Return labels (H, W) int32 of a picture (H, W, 4) in fills (P, 4) with small parts, of at most `most` px, joined
     to a neighbour where that costs less.
 
-    costs: nats of a part, and of a pair of neighbours with different labels; the square of a misfit in levels, of which
-    ln(1 + square / misfit^2) is the cost of a residual, and more beyond four times the misfit; and the most levels
-    between the fills of a part and a neighbour.
+    costs: nats of a part, and of a pair of neighbours with different labels; the square of a misfit in levels, so that
+    the residual of a pixel costs ln(1 + square / misfit^2); a bound, and half of what square / misfit^2 is beyond that
+    is added; and the most levels between the fills of a part and a neighbour.
     """
     out = labels.astype(np.int32)
     _native("cs_join_parts", *labels.shape, floats(seen), doubles(fills), most, *map(float, costs), 6, out)

@@ -85,7 +85,8 @@ def without_fragments(picture: FlatPicture, levels: np.ndarray, condition: Condi
         return picture
     space, sigma = seen_as(condition, sharp=True), misfit_of(condition)
     seen, fills = (levels @ space).astype(np.float32), palette @ space
-    joined = with_joined_parts(labels, seen, fills, MOST_JOINED, (PART, NEIGHBOUR, sigma**2, HIDDEN))
+    costs = PART, NEIGHBOUR, sigma**2, OUTLIER**2, HIDDEN
+    joined = with_joined_parts(labels, seen, fills, MOST_JOINED, costs)
     changed = ndimage.binary_dilation(joined != labels, ndimage.SQUARE)
     painted = mixture_of(seen, fills, joined, sigma, 0.0).painted(palette)
     return FlatPicture(np.where(changed[..., None], painted, picture.levels), palette, joined)
@@ -224,7 +225,7 @@ def _with_small_parts(
             break
         best = trial
     for fill in _fills_of_parts(levels, best.palette, best.labels):
-        if len(best.palette) <= MOST_SEEN and largest(np.abs(best.palette - fill)).min() > ONE_COLOUR:
+        if len(best.palette) <= MOST_SEEN and _is_apart(fill, best.palette, ONE_COLOUR):
             trial = fitted(np.insert(best.palette, thick, fill, axis=0), thick + 1)
             if trial.cost < best.cost and _shows_inside(trial.labels, len(trial.palette))[thick]:
                 best, thick = trial, thick + 1
@@ -248,13 +249,13 @@ def _fills_of_parts(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray)
     boxes, large = ndimage.find_objects(parts + 1), np.flatnonzero(sizes >= FEWEST_INSIDE)
     own = (levels[boxes[part]][inner[boxes[part]] & (parts[boxes[part]] == part)] for part in large)
     colours = np.array([np.median(values, axis=0) for values in own]).reshape(-1, 4)
-    far = largest(np.abs(colours[:, None] - palette)).min(axis=1) > ONE_COLOUR
+    far = nearest_fills(colours, palette)[1] > ONE_COLOUR
     return commoner_fills(colours[far], sizes[large][far].astype(float), ONE_COLOUR, MOST_SMALL)[0]
 
 
-def _is_apart(fill: np.ndarray, palette: np.ndarray) -> bool:
-    """Return True if a fill (4,) is surely none of a palette (P, 4)."""
-    return bool(largest(np.abs(palette - fill)).min() > APART)
+def _is_apart(fill: np.ndarray, palette: np.ndarray, levels: float = APART) -> bool:
+    """Return True if a fill (4,) is surely none of a palette (P, 4): farther than so many levels from each."""
+    return bool(largest(np.abs(palette - fill)).min() > levels)
 
 
 @record

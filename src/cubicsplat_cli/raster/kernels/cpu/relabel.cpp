@@ -124,13 +124,11 @@ class Relabelling {
   std::vector<int64_t> alike_;    // (slots) neighbours of each candidate's fill
 };
 
-constexpr double kBound = 4.0;  // standard deviations beyond which no error by chance is
-
 // What it costs, in nats, to explain a picture by labels: a part of one label; each pair of neighbours with different ones;
-// and what the likeliest blend of a pixel's fill with one beside it leaves, ln(1 + square / scale), more beyond kBound. near:
-// levels between the fills of a part and of what it may join.
+// and what the likeliest blend of a pixel's fill with one beside it leaves: ln(1 + square / scale), and half of what square /
+// scale is beyond `bound`. near: levels between the fills of a part and of what it may join.
 struct PartCosts {
-  double part, neighbour, scale, near;
+  double part, neighbour, scale, bound, near;
 };
 
 class Joining {
@@ -206,7 +204,7 @@ class Joining {
         if (labels_[other] != labels_[pixel]) least = std::min(least, left(pixel, labels_[other]));
       });
       least /= costs_.scale;
-      sum += std::log1p(least) + 0.5 * std::max(least - kBound * kBound, 0.0);
+      sum += std::log1p(least) + 0.5 * std::max(least - costs_.bound, 0.0);
     }
     for (const int64_t* at = first; at < last; at++)
       around(*at, [&](int64_t other, bool beside) {
@@ -250,10 +248,10 @@ CS_EXPORT int32_t cs_relabel(int64_t height, int64_t width, const float* values,
 // Gives small parts of one label (height x width), of at most so many px, that of a neighbour where the picture (height x
 // width x 4) in fills (x 4) costs less so; in at most so many rounds. Costs: see PartCosts. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_join_parts(int64_t height, int64_t width, const float* values, const double* fills, int64_t most,
-                                double part, double neighbour, double scale, double near, int64_t rounds,
+                                double part, double neighbour, double scale, double bound, double near, int64_t rounds,
                                 int32_t* labels) {
   return cs::failed([&] {
-    const cs::PartCosts costs = {part, neighbour, scale, near};
+    const cs::PartCosts costs = {part, neighbour, scale, bound, near};
     cs::Joining joining(height, width, values, fills, costs, labels);
     for (int64_t round = 0; round < rounds && joining.round(most); round++) continue;
   });
