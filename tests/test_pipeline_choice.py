@@ -41,7 +41,7 @@ from cubicsplat_cli.pipeline.choose import (
 from cubicsplat_cli.pipeline.likeness import compared_copies, delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.photo import BYTES_PER_CURVE, PhotoFit, curves_of_equal_bytes, photo_settings, quick_photo
 from cubicsplat_cli.pipeline.shaded import most_shaded_db, shaded_drawing
-from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.pipeline.task import Drawn, Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
@@ -103,8 +103,8 @@ def test_a_photo_that_is_farther_in_colour_does_not_replace_a_drawing():
     task = task_for(blotches(), curves=4, steps=60)
     (drawing,) = candidates(task, FLAT)
     photo = task.once(PhotoFit).finished
-    assert seen_db(task, drawing.scene, drawing.samples) < 32.0
-    assert delta_e(task, drawing.scene, drawing.samples) < delta_e(task, photo.scene, photo.samples)
+    assert seen_db(task, drawing) < 32.0
+    assert delta_e(task, drawing) < delta_e(task, photo)
 
 
 def test_a_drawing_of_many_pieces_gives_way_before_it_is_finished():
@@ -237,7 +237,7 @@ def test_what_may_be_a_photo_is_drawn_first(monkeypatch):
     assert (choose._shaded,) not in task.results
     shaded = task.once(choose._shaded)
     assert shaded is not None and curves_of_equal_bytes(task, only) <= curves_of_equal_bytes(task, shaded)
-    assert delta_e(task, only.scene, only.samples) <= delta_e(task, shaded.scene, shaded.samples)
+    assert delta_e(task, only) <= delta_e(task, shaded)
     monkeypatch.setattr(choose, "_nearest_shaded", lambda _: shaded)
     certain, _ = only_made(task, MEASURED)
     assert "shaded within its outlines: no photo of as many bytes is nearer" in certain.notes
@@ -249,7 +249,7 @@ def test_what_may_be_a_photo_is_drawn_first(monkeypatch):
 def test_shading_is_not_made_where_a_drawing_is_nearer_than_it_can_be(monkeypatch):
     task = task_for(graded(), steps=60)
     made = shaded_drawing(task)
-    assert seen_db(task, made.scene, made.samples) < most_shaded_db(task) < 70.0
+    assert seen_db(task, made) < most_shaded_db(task) < 70.0
     even = task_for(np.full((96, 96, 3), 200, np.uint8))
     assert most_shaded_db(even) == -math.inf
     monkeypatch.setattr("cubicsplat_cli.pipeline.shaded.shade_objects", fails)
@@ -326,7 +326,7 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
     for row, scene in ((lines, moved), (ramp, bands), (np.rint(60.0 + 0.5 * places), faint_bands)):
         pixels = np.repeat(np.repeat(row.astype(np.uint8)[None, :, None], 64, axis=0), 3, axis=2)
         task = task_of(as_picture(pixels), Request(FitSettings(threads=1)), StageTimer())
-        levels.append((level_db(task, scene, 1), seen_db(task, scene, 1, enough_db=ENOUGH_DB)))
+        levels.append((level_db(task, Drawn(scene, 1)), seen_db(task, Drawn(scene, 1), ENOUGH_DB)))
     (edges, edges_seen), (tones, tones_seen), (faint, faint_seen) = levels
     assert edges < tones - 2.0 and edges_seen > tones_seen + 2.0
     assert faint > ENOUGH_DB and math.isfinite(faint_seen), "bands are seen at a level at which nobody sees edges"
@@ -343,9 +343,10 @@ def test_the_artefacts_of_a_lossy_file_are_no_errors_of_its_drawing(file_format,
     scene = scene_of(Drawing(64, 64, (ground_shape((250, 240, 230, 255), 64, 64), disc_shape)))
     task = lossy_task(np.rint(255.0 * render_scene(scene)[..., :3]).astype(np.uint8), file_format)
     plain = replace(task, target=replace(task.target, compression=None), results={})
-    assert level_db(task, scene, 24) > level_db(plain, scene, 24) + rise_db
-    (photo,) = candidates(replace(task, request=Request(replace(SETTINGS, curves=8, steps=60), style="photo")))
-    assert level_db(task, photo.scene, 24) > level_db(plain, photo.scene, 24), "an opaque picture has no opacity"
+    assert level_db(task, Drawn(scene, 24)) > level_db(plain, Drawn(scene, 24)) + rise_db
+    (made,) = candidates(replace(task, request=Request(replace(SETTINGS, curves=8, steps=60), style="photo")))
+    photo = Drawn(made.scene, 24)
+    assert level_db(task, photo) > level_db(plain, photo), "an opaque picture has no opacity"
 
 
 def test_a_drawing_through_the_steps_of_edges_without_anti_aliasing_has_lost_nothing():
@@ -357,7 +358,7 @@ def test_a_drawing_through_the_steps_of_edges_without_anti_aliasing_has_lost_not
     (made,) = candidates(task)
     assert made.style.name == "artwork" and made.facts["shapes"] <= 6
     level = decibels((made.unavoidable_error / 255.0) ** 2)
-    assert level - 1.0 < level_db(task, made.scene, made.samples) < level + 4.0
+    assert level - 1.0 < level_db(task, made) < level + 4.0
 
 
 def test_the_colour_fringes_of_text_for_an_lcd_are_no_errors_of_its_drawing():
@@ -370,7 +371,7 @@ def test_the_colour_fringes_of_text_for_an_lcd_are_no_errors_of_its_drawing():
     copies = task.once(compared_copies)
     assert len(copies) == 2
     plain = replace(task, target=copies[1], results={})
-    level, of_plain = (level_db(each, made.scene, made.samples) for each in (task, plain))
+    level, of_plain = (level_db(each, made) for each in (task, plain))
     of_fringes = decibels(float(np.square(render_scene(made.scene)[..., :3] - task.pixels).mean()))
     assert level == of_plain > of_fringes + 5.0
 
@@ -394,10 +395,10 @@ def test_the_drawing_of_an_enlarged_picture_is_compared_with_the_small_one(filte
     task = task_of(as_picture(pixels), Request(FitSettings(threads=1)), StageTimer())
     drawing = drawn_outlines(task)
     assert drawing.small is not None and drawing.small.size == (48, 40)
-    given = task, drawing.scene, drawing.samples, drawing.blur
+    large = replace(drawing, small=None)
     # The enlarged edges are off the drawing's, and so they are in its blurred copy.
-    assert level_db(*given, drawing.small) > level_db(*given) + 5.0
-    assert delta_e(*given, drawing.small) < delta_e(*given)
+    assert level_db(task, drawing) > level_db(task, large) + 5.0
+    assert delta_e(task, drawing) < delta_e(task, large)
 
 
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred():
@@ -442,8 +443,8 @@ def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():
     task = task_for(blotches(), curves=8)
     drawing = drawn_outlines(task)
     assert "a quick photo of 8 curves has" in str(photo_is_nearer(task, drawing))
-    photo = seen_db(task, task.once(quick_photo, 8), drawing.samples)
-    lead = photo - seen_db(task, drawing.scene, drawing.samples, drawing.blur)
+    photo = seen_db(task, task.once(quick_photo, 8))
+    lead = photo - seen_db(task, replace(drawing, small=None))
     assert photo_is_nearer(task, drawing, lead + 0.9) is not None
     assert photo_is_nearer(task, drawing, lead + 1.1) is None
 
@@ -452,8 +453,8 @@ def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():
 def test_a_drawing_of_many_bytes_is_compared_with_a_photo_of_as_many(times, nearer, monkeypatch):
     """64 times the bytes are 12 dB."""
     task = task_for(blotches(), steps=40)
-    level = seen_db(task, task.once(PhotoFit).finished.scene, 8)
-    monkeypatch.setattr(choose, "_seen_db", lambda *_: level + 6.0)
+    level = seen_db(task, Drawn(task.once(PhotoFit).finished.scene, 8))
+    monkeypatch.setattr(choose, "seen_db", lambda *_: level + 6.0)
     text = "x" * round(times * BYTES_PER_CURVE * photo_settings(task).curves)
     drawing = replace(drawn_outlines(task), write=lambda _title, _comment: text)
     assert (photo_is_nearer(task, drawing) is not None) == nearer

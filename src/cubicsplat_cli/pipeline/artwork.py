@@ -78,7 +78,7 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
         return write_mosaic(drawing, precision=request.precision, title=title, comment=comment, grouped=grouped)
 
     facts = _facts(len(drawing.layers), drawing.corners, drawing.fills)
-    return Made(drawing.scene(), write, 1, len(drawing.layers), notes, facts)
+    return Made(drawing.scene(), 1, write, len(drawing.layers), notes, facts)
 
 
 def prepared_of(task: Task) -> PreparedInput:
@@ -196,8 +196,8 @@ def result_of_drawing(drawing: Drawing, request: Request) -> Made:
         text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
         return minified(text) if request.tiny else text
 
-    scene, banded = picture_of(drawing) if drawing.shapes else None, drawing.banded
-    return Made(scene, write, SAMPLES, len(drawing.shapes), facts=facts, banded=banded)
+    scene = picture_of(drawing) if drawing.shapes else None
+    return Made(scene, SAMPLES, write, len(drawing.shapes), facts=facts, banded=drawing.banded)
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:

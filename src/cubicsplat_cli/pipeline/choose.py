@@ -165,7 +165,7 @@ def _drawn_or_shaded(task: Task) -> Made:
     """Make a drawing; or a shaded one, if that is plainly nearer than the drawing, or than its sketch may become."""
 
     def is_nearer(drawing: Made, rise_db: float = 0.0) -> bool:
-        return _shading_is_nearer(task, _shaded, drawing, _seen_db(task, drawing, _enough_db(drawing)) + rise_db)
+        return _shading_is_nearer(task, _shaded, drawing, seen_db(task, drawing, _enough_db(drawing)) + rise_db)
 
     def check(sketch: Made) -> None:
         if is_nearer(sketch, SKETCH_DB):
@@ -206,7 +206,7 @@ def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawin
     if task.once(most_shaded_db) <= least_db:
         return False
     made = task.once(shaded)
-    return made is not None and _seen_db(task, made) > least_db
+    return made is not None and seen_db(task, made) > least_db
 
 
 def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
@@ -230,8 +230,8 @@ def _nearest_shaded(task: Task) -> Made | None:
     if shaded is None or shaded.interrupted:
         return shaded
     fit = task.once(quick_photo, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
-    off, photo_off = (delta_e(task, scene, shaded.samples) for scene in (shaded.scene, fit))
-    return shaded if QUICK_OFF * photo_off >= off else None
+    off = delta_e(task, shaded)
+    return shaded if QUICK_OFF * delta_e(task, fit) >= off else None
 
 
 def _nearer_photo(task: Task, drawing: Made) -> Made:
@@ -243,7 +243,7 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
         if reason is None:
             return drawing
         photo = _shaded_or_photo(task, drawing.style, reason)
-        if drawing.facts["shapes"] and not photo.interrupted and _off(task, drawing) <= _delta_e(task, photo):
+        if drawing.facts["shapes"] and not photo.interrupted and _off(task, drawing) <= delta_e(task, photo):
             return drawing
     except Exception as error:
         return drawing.with_note(f"the drawing stays, since {_failure('photo', error)}")
@@ -254,8 +254,8 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
 
 def _check_beside_photo(task: Task, sketch: Made) -> None:
     """Raise DrawingGivenUp if a sketch is farther in colour than an early look at the photo's fit: both come nearer."""
-    scene, goes_on = task.once(PhotoFit).early()
-    if not goes_on or _off(task, sketch) >= delta_e(task, scene, task.request.settings.finish_samples):
+    photo, goes_on = task.once(PhotoFit).early()
+    if not goes_on or _off(task, sketch) >= delta_e(task, photo):
         raise DrawingGivenUp("an early look at a photo is as near as the drawing's sketch")
 
 
@@ -278,19 +278,9 @@ def _enough_db(drawing: Made) -> float:
     return min(ENOUGH_DB, decibels(error**2) - MARGIN_DB) if error else ENOUGH_DB
 
 
-def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
-    """Return the level of a result as people see it; see `likeness.seen_db`."""
-    return seen_db(task, made.scene, made.samples, made.blur, made.small, enough_db)
-
-
-def _delta_e(task: Task, made: Made) -> float:
-    """Return the mean CIEDE2000 of a result; see `likeness.delta_e`."""
-    return delta_e(task, made.scene, made.samples, made.blur, made.small)
-
-
 def _off(task: Task, drawing: Made) -> float:
     """Return the mean CIEDE2000 of a drawing, comparable with that of a photo; see `_gain_of_bytes`."""
-    return _delta_e(task, drawing) * _gain_of_bytes(task, drawing)
+    return delta_e(task, drawing) * _gain_of_bytes(task, drawing)
 
 
 def _gain_of_bytes(task: Task, drawing: Made) -> float:
@@ -318,14 +308,14 @@ def photo_is_nearer(
     """
     if not drawing.facts["shapes"]:
         return TOO_FINE
-    drawn_db = _seen_db(task, drawing, _enough_db(drawing))
+    drawn_db = seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
     curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
     if not (quick or drawing.banded) and curves < _usual_curves(task):
         # A quick photo repeats few artefacts of a lossy file.
-        off, quick_off = _delta_e(task, drawing), delta_e(task, task.once(quick_photo, all_curves), drawing.samples)
-        if off <= quick_off:
+        off = delta_e(task, drawing)
+        if off <= delta_e(task, task.once(quick_photo, all_curves)):
             return None
     curves = min(curves, task.request.settings.curves or curves)
     if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
@@ -337,7 +327,7 @@ def photo_is_nearer(
         least_db = drawn_db + ahead_db + MARGIN_DB
         photo_db = task.once(PhotoFit).seen_if_above(least_db)
         return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
-    photo_db = seen_db(task, task.once(quick_photo, curves), drawing.samples)
+    photo_db = seen_db(task, task.once(quick_photo, curves))
     if photo_db <= drawn_db + rise_db + MARGIN_DB - QUICK_BEHIND_DB:
         return None
     near = "is identical" if math.isinf(photo_db) else f"has {photo_db:.1f} dB"

@@ -14,9 +14,8 @@ from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
 from cubicsplat_cli.evaluate.perceptual import opaque_delta_e
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resampled, resize_picture, with_levels
-from cubicsplat_cli.pipeline.task import Task
+from cubicsplat_cli.pipeline.task import Drawn, Task
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.scene import AnyScene
 
 LIKENESS_SIDE = 1024  # px of the longer side of the copy that is compared; fine lines count at this size
 # dB by which the PSNR by tones must be higher for a drawing to be near enough. Edges a little off hardly change
@@ -31,33 +30,21 @@ def file_db(task: Task, svg: str) -> float:
     return _level_db(task, reference, of_pixels(rerender(svg.encode(), reference.width, reference.height).pixels))
 
 
-def level_db(
-    task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, small: Picture | None = None
-) -> float:
+def level_db(task: Task, made: Drawn) -> float:
     """Return the PSNR of a scene against the target, both at most LIKENESS_SIDE px wide and high; infinite without a
-    scene. samples: edges per cubic. blur: px of the target by which its picture is blurred. small: the target before it
-    was enlarged. The scene counts sharp or blurred alike, against the target or the small one, and its text with an
-    LCD's colour fringes or without, whichever is nearer.
+    scene. It counts sharp or blurred alike, against the target or the small one, and its text with an LCD's colour
+    fringes or without, whichever is nearer.
     """
-    return max((_level_db(task, *pair) for pair in _pairs(task, scene, samples, blur, small)), default=math.inf)
+    return max((_level_db(task, *pair) for pair in _pairs(task, made)), default=math.inf)
 
 
-def seen_db(
-    task: Task,
-    scene: AnyScene | None,
-    samples: int,
-    blur: float = 0.0,
-    small: Picture | None = None,
-    enough_db: float = math.inf,
-) -> float:
+def seen_db(task: Task, made: Drawn, enough_db: float = math.inf) -> float:
     """Return the mean of a scene's PSNR by pixels and its PSNR by tones, which are means over squares of COARSE px.
 
     This is nearer to what people see: slightly misplaced edges do not hide missing shading or drifting tones. Infinite
-    without a scene, and if the PSNR by pixels reaches `enough_db` and that by tones TONES_DB more. Other parameters as
-    of `level_db`.
+    without a scene, and if the PSNR by pixels reaches `enough_db` and that by tones TONES_DB more.
     """
-    pairs = _pairs(task, scene, samples, blur, small)
-    return max((_seen_db(task, *pair, enough_db) for pair in pairs), default=math.inf)
+    return max((_seen_db(task, *pair, enough_db) for pair in _pairs(task, made)), default=math.inf)
 
 
 def seen_db_of(task: Task, pixels: np.ndarray) -> float:
@@ -67,26 +54,25 @@ def seen_db_of(task: Task, pixels: np.ndarray) -> float:
     return max(_seen_db(task, *pair, math.inf) for pair in _beside(copies, [drawn]))
 
 
-def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, small: Picture | None = None) -> float:
+def delta_e(task: Task, made: Drawn) -> float:
     """Return the mean CIEDE2000 of a scene against the target, the larger one over black and over white; 0 without a
-    scene. Parameters, and the copies of which the nearest counts, as of `level_db`.
+    scene. The nearest of the copies counts, as of `level_db`.
     """
-    return min((_delta_e(*pair) for pair in _pairs(task, scene, samples, blur, small)), default=0.0)
+    return min((_delta_e(*pair) for pair in _pairs(task, made)), default=0.0)
 
 
-def _pairs(
-    task: Task, scene: AnyScene | None, samples: int, blur: float, small: Picture | None
-) -> Iterable[tuple[Picture, ImageSource]]:
+def _pairs(task: Task, made: Drawn) -> Iterable[tuple[Picture, ImageSource]]:
     """Return the pairs of `_beside` for the engine's picture of a scene, also blurred, and those of the small target;
     none without a scene.
     """
+    scene, small = made.scene, made.small
     if scene is None:
         return ()
 
     def drawn(copy: Picture) -> list[np.ndarray]:
-        pixels = [of_scene(scene, *copy.size, samples, task.request.settings.threads).rows(0, copy.height)]
-        if blur:
-            sigma = blur * copy.width / task.target.width
+        pixels = [of_scene(scene, *copy.size, made.samples, task.request.settings.threads).rows(0, copy.height)]
+        if made.blur:
+            sigma = made.blur * copy.width / task.target.width
             pixels.append(ndimage.gaussian_filter(pixels[0], (sigma, sigma, 0.0), mode="nearest"))
         return pixels
 

@@ -12,9 +12,10 @@ from cubicsplat_cli.files.load import Picture, enlarge_picture, resize_picture
 from cubicsplat_cli.metrics import Timing
 from cubicsplat_cli.photo.inputs import FitResult
 from cubicsplat_cli.photo.remote import begin_fit
+from cubicsplat_cli.pipeline.artwork import SAMPLES
 from cubicsplat_cli.pipeline.budget import LOOKS, SHARED_OPACITY, Photo, guessed_curves, within_bytes, within_level
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
-from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.pipeline.task import Drawn, Made, Task
 from cubicsplat_cli.scene import AnyScene, Scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
@@ -60,15 +61,15 @@ class PhotoFit:
         self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
 
-    def early(self) -> tuple[AnyScene | None, bool]:
+    def early(self) -> tuple[Drawn, bool]:
         """Fit for a share of the steps, and return the curves; and False if the fit ends before."""
         goes_on = self._fitting.relax(LOOKS[0][0])
-        return self._fitting.scene(), goes_on
+        return self._drawn(self._fitting.scene()), goes_on
 
     def expected(self) -> float:
         """Fit for a share of the steps, and return the level expected at the end, dB; infinite if it ends before."""
-        task, (scene, goes_on) = self._photo.task, self.early()
-        return level_db(task, scene, task.request.settings.finish_samples) + LOOKS[0][1] if goes_on else math.inf
+        drawn, goes_on = self.early()
+        return level_db(self._photo.task, drawn) + LOOKS[0][1] if goes_on else math.inf
 
     @cached_property
     def expected_to_be_seen(self) -> float:
@@ -77,7 +78,7 @@ class PhotoFit:
         for share in SEEN_AT:
             if not self._fitting.relax(share):
                 return math.inf
-            levels.append(self._seen(self._fitting.scene()))
+            levels.append(seen_db(self._photo.task, self._drawn(self._fitting.scene())))
         return levels[1] + LATER * (levels[1] - levels[0])
 
     def seen_if_above(self, least: float) -> float:
@@ -88,11 +89,10 @@ class PhotoFit:
             return self.expected_to_be_seen
         if self.finished.interrupted:
             raise KeyboardInterrupt
-        return self._seen(self.finished.scene)
+        return seen_db(self._photo.task, self._drawn(self.finished.scene))
 
-    def _seen(self, scene: AnyScene | None) -> float:
-        task = self._photo.task
-        return seen_db(task, scene, task.request.settings.finish_samples)
+    def _drawn(self, scene: AnyScene | None) -> Drawn:
+        return Drawn(scene, self._photo.task.request.settings.finish_samples)
 
     @cached_property
     def finished(self) -> Made:
@@ -112,14 +112,14 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     return min(max(round(drawing.bytes / BYTES_PER_CURVE), 1), most)
 
 
-def quick_photo(task: Task, curves: int) -> Scene:
+def quick_photo(task: Task, curves: int) -> Drawn:
     """Fit curves in few steps to a small copy of a picture. Raises the errors of a fit, and KeyboardInterrupt."""
     shorter, longer = sorted(task.target.size)
     small = resize_picture(task.target, round(QUICK_SIDE * math.sqrt(longer / shorter))).target()
     fitted = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS)).finish()
     if fitted.interrupted:
         raise KeyboardInterrupt
-    return fitted.scene
+    return Drawn(fitted.scene, SAMPLES)
 
 
 def _prepared(task: Task) -> tuple[Photo, FitSettings]:
@@ -151,7 +151,7 @@ def _result(
         "history": fitted.history,
         "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
     }
-    return Made(scene, write, samples, scene.curves, [*notes, *fitted.notes], facts, interrupted=fitted.interrupted)
+    return Made(scene, samples, write, scene.curves, [*notes, *fitted.notes], facts, interrupted=fitted.interrupted)
 
 
 def _tiny_photo(task: Task) -> Made:

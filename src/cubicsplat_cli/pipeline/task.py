@@ -101,20 +101,29 @@ class Result:
 
 
 @record
-class Made:
-    """The result of a style, before it is written.
-
-    scene: None if the SVG holds no shape. write: returns the SVG's text for a title and a comment. samples: edges per
-    cubic in the engine's own picture. paths: the number of curves or shapes. facts: the style's own members of the
-    report. style: the style, and why; set by `candidates`. interrupted: a Ctrl-C ended the work early. may_be_photo:
-    a photo may be nearer to the picture, so the two are compared; true of all drawings but those of cells and scans.
-    of_scan: a drawing without the paper. blur: px of the target's blur, which the drawing does not have. small: the
-    target before it was enlarged, if it was. unavoidable_error: as of `PreparedInput`. banded: as of `Drawing`.
+class Drawn:
+    """The engine's own picture of a result. scene: None if the SVG holds no shape. samples: edges per cubic. blur: px
+    of the target's blur, which a drawing does not have. small: the target before it was enlarged, if it was.
     """
 
     scene: AnyScene | None
-    write: Callable[[str, str], str]
     samples: int
+    blur: float = field(default=0.0, kw_only=True)
+    small: Picture | None = field(default=None, kw_only=True)
+
+
+@record
+class Made(Drawn):
+    """The result of a style, before it is written.
+
+    write: returns the SVG's text for a title and a comment. paths: the number of curves or shapes. facts: the style's
+    own members of the report. style: the style, and why; set by `candidates`. interrupted: a Ctrl-C ended the work
+    early. may_be_photo: a photo may be nearer to the picture, so the two are compared; true of all drawings but those
+    of cells and scans. of_scan: a drawing without the paper. unavoidable_error: as of `PreparedInput`. banded: as of
+    `Drawing`.
+    """
+
+    write: Callable[[str, str], str]
     paths: int
     notes: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
@@ -122,8 +131,6 @@ class Made:
     interrupted: bool = False
     may_be_photo: bool = False
     of_scan: bool = False
-    blur: float = 0.0
-    small: Picture | None = None
     unavoidable_error: float = 0.0
     banded: bool = False
 
