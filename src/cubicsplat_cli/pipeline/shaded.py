@@ -111,12 +111,12 @@ def shaded_drawing(task: Task) -> Made | None:
     objects, request = task.once(_objects_in), task.request
     if objects is None:
         return None
-    most = int(request.shading) if request.shading.isdecimal() else math.inf
+    settings = task.settings().with_(curves=int(request.shading) if request.shading.isdecimal() else None)
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
         prepared, drawing = task.once(prepared_of), None
         if prepared.levels.shape == objects[0].shape:
-            drawing = shade_surfaces(objects, prepared.condition, task.settings(), most)
-        drawing = drawing or shade_objects(objects, task.settings(), most)
+            drawing = shade_surfaces(objects, prepared.condition, settings)
+        drawing = drawing or shade_objects(objects, settings)
     made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
     return replace(made, interrupted=doing.interrupted)
 
@@ -138,11 +138,9 @@ def _fitted_scale(pixels: int) -> float:
     return min(1.0, math.sqrt(MOST_FITTED / pixels))
 
 
-def shade_surfaces(
-    objects: Objects, condition: Condition, settings: FitSettings, most: float = math.inf
-) -> Drawing | None:
-    """Draw a picture in a condition, with at most `most` curves in each of its surfaces; all else is drawn as without
-    shading. None unless surfaces are most of it, and what lies on them would be lost in its objects.
+def shade_surfaces(objects: Objects, condition: Condition, settings: FitSettings) -> Drawing | None:
+    """Draw a picture in a condition, with at most the settings' curves, if any, in each of its surfaces; all else is
+    drawn as without shading. None unless surfaces are most of it, and what lies on them would be lost in its objects.
     """
     levels, labels = objects
     surfaces = surfaces_of(levels, condition)
@@ -164,31 +162,27 @@ def shade_surfaces(
         shaded = gaps[nearest] <= SAME or off[nearest] < 0.5 * own
         plain = not shaded or shape.gradient is not None or shape.stroke is not None
         goals.append(None if plain else surfaces[nearest].colours[..., :3])
-    return _with_shading(outlined, shares, goals, np.zeros(3), settings, most)
+    return _with_shading(outlined, shares, goals, np.zeros(3), settings)
 
 
-def shade_objects(objects: Objects, settings: FitSettings, most: float = math.inf) -> Drawing:
-    """Draw objects with shading, with at most `most` curves each; some have none if the current work is stopped."""
+def shade_objects(objects: Objects, settings: FitSettings) -> Drawing:
+    """Draw objects with shading, of at most the settings' curves each; some have none if the work is stopped."""
     levels, labels = objects
     outlined = draw_flat(silhouettes(levels, labels))
     straight, shares = straight_colours(levels), shown(outlined)
     spread = np.zeros(3)
     with work().stoppable():
         spread = _spread(levels, straight, shares)
-    return _with_shading(outlined, shares, [straight] * len(shares), spread, settings, most)
+    return _with_shading(outlined, shares, [straight] * len(shares), spread, settings)
 
 
 def _with_shading(
-    outlined: Drawing,
-    shares: Sequence[np.ndarray],
-    goals: Sequence[np.ndarray | None],
-    spread: np.ndarray,
+    outlined: Drawing, shares: Sequence[np.ndarray], goals: Sequence[np.ndarray | None], spread: np.ndarray,
     settings: FitSettings,
-    most: float,
-) -> Drawing:
+) -> Drawing:  # fmt: skip
     """Return a drawing with the best paint, and shading, for its goals: the levels (H, W, 3) that a shape shows, None
-    where it stays as it is. shares: as of `shown`; spread: as of `_spread`, or zeros (3,). settings, most: as of
-    `shade_surfaces`.
+    where it stays as it is. shares: as of `shown`; spread: as of `_spread`, or zeros (3,). settings: as
+    of `shade_surfaces`.
     """
     shapes = list(outlined.shapes)
     chosen = [(k, goal) for k, goal in enumerate(goals) if goal is not None and shares[k].any()]
@@ -198,13 +192,11 @@ def _with_shading(
     with work().stoppable():
         for done, (k, goal) in enumerate(chosen):
             work().at("shading objects", 0.85 + 0.15 * done / len(chosen))
-            shapes[k] = _shaded(goal, shapes[k], shares[k], spread, settings, most)
+            shapes[k] = _shaded(goal, shapes[k], shares[k], spread, settings)
     return replace(outlined, shapes=tuple(shapes))
 
 
-def _shaded(
-    straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings, most: float
-) -> Shape:
+def _shaded(straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings) -> Shape:
     """Return a shape with shading; without if its paint is near enough to the picture. share: (H, W) of each pixel that
     shows it. spread: see `_spread`. Raises KeyboardInterrupt if the fit is interrupted.
     """
@@ -212,7 +204,7 @@ def _shaded(
     if not whole.any() or math.sqrt(float(_off(straight, plain.fill, plain.gradient)[whole].mean())) < SHADED:
         return plain
     scale = _fitted_scale(whole.size)
-    curves = round(min(scale**2 * float(whole.sum()) / PX_PER_CURVE, most))
+    curves = round(min(scale**2 * float(whole.sum()) / PX_PER_CURVE, settings.curves or math.inf))
     if curves < 1:
         return plain
     goal, weights = _continued(straight, share)
