@@ -456,7 +456,7 @@ def test_a_drawing_of_many_bytes_is_compared_with_a_photo_of_as_many(times, near
     level = seen_db(task, Drawn(task.once(PhotoFit).finished.scene, 8))
     monkeypatch.setattr(choose, "seen_db", lambda *_: level + 6.0)
     text = "x" * round(times * BYTES_PER_CURVE * photo_settings(task).curves)
-    drawing = replace(drawn_outlines(task), write=lambda _title, _comment: text)
+    drawing = replace(drawn_outlines(task), write=lambda **_: text)
     assert (photo_is_nearer(task, drawing) is not None) == nearer
 
 

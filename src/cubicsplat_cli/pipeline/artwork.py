@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.artwork import structure
@@ -72,11 +72,7 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
     if request.overlap is not None:
         cells = finer(cells, request.overlap * task.target.width / task.picture.width)
     drawing = mosaic(cells, *task.picture.size, abutting=chosen.stacking == CUTOUT and request.overlap is None)
-
-    def write(title: str, comment: str) -> str:
-        grouped = request.group_by == COLOR
-        return write_mosaic(drawing, precision=request.precision, title=title, comment=comment, grouped=grouped)
-
+    write = partial(write_mosaic, drawing, precision=request.precision, grouped=request.group_by == COLOR)
     facts = _facts(len(drawing.layers), drawing.corners, drawing.fills)
     return Made(drawing.scene(), 1, write, len(drawing.layers), notes, facts)
 

@@ -11,8 +11,8 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -72,13 +72,12 @@ class Photo:
             rough = self.rough.target(), FitInputs(task.weights(self.rough))
         return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder, rough=rough)
 
-    def writer(self, scene: Scene) -> Callable[[str, str], str]:
+    def writer(self, scene: Scene) -> Callable[..., str]:
         """Return a function that writes the SVG of a scene, at the picture's size, for a title and a comment."""
         from cubicsplat_cli.svg.scene_writer import write_svg
 
         request, sized = self.task.request, scene.scaled(*self.task.picture.size)
-        form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
-        return lambda title, comment: write_svg(sized, title=title, comment=comment, **form)
+        return partial(write_svg, sized, precision=file_precision(request), shapes=request.settings.shapes)
 
     def size(self, scene: Scene) -> int:
         """Return the bytes of a scene's file."""
@@ -165,12 +164,9 @@ def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult
         note = f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"
         return replace(fitted, notes=[*fitted.notes, note])
     scene = fitted.scene
-    order = np.argsort(-photo.importance(scene)[1], kind="stable")
-
-    def too_many(spared: int) -> bool:
-        return photo.level(_kept(scene, order, scene.curves - spared)) < least
-
-    return _trimmed(fitted, order, scene.curves - bisect_left(range(1, scene.curves), True, key=too_many))
+    order, counts = np.argsort(-photo.importance(scene)[1], kind="stable"), range(scene.curves - 1, 0, -1)
+    spared = bisect_left(counts, True, key=lambda count: photo.level(_kept(scene, order, count)) < least)
+    return _trimmed(fitted, order, scene.curves - spared)
 
 
 def _grown(curves: int, missing: float, limit: int) -> int:

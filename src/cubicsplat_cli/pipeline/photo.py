@@ -142,7 +142,7 @@ def _made_of(photo: Photo, fitted: FitResult) -> Made:
 
 
 def _result(
-    scene: Scene, write: Callable[[str, str], str], fitted: FitResult, samples: int, notes: Sequence[str] = ()
+    scene: Scene, write: Callable[..., str], fitted: FitResult, samples: int, notes: Sequence[str] = ()
 ) -> Made:
     facts = {
         "device": fitted.device,
@@ -161,7 +161,7 @@ def _tiny_photo(task: Task) -> Made:
     most = task.request.max_bytes
     assert most is not None
     polygons, fitted = fitted_polygons(most, _one_opacity(task.settings(), transparent=False), task)
-    return _result(polygons.scene(*task.picture.size), lambda _title, _comment: polygons.text(), fitted, 1)
+    return _result(polygons.scene(*task.picture.size), lambda **_: polygons.text(), fitted, 1)
 
 
 def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:

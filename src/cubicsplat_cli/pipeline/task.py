@@ -123,7 +123,7 @@ class Made(Drawn):
     `Drawing`.
     """
 
-    write: Callable[[str, str], str]
+    write: Callable[..., str]
     paths: int
     notes: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
@@ -137,7 +137,7 @@ class Made(Drawn):
     @property
     def bytes(self) -> int:
         """The size of the SVG without a title and a comment."""
-        return len(self.write("", "").encode())
+        return len(self.write(title="", comment="").encode())
 
     def with_note(self, note: str) -> Made:
         """Return the result with one more note."""
@@ -212,9 +212,9 @@ class Task:
         with self.timer("write"):
             return self.text(made.write)
 
-    def text(self, write: Callable[[str, str], str]) -> str:
+    def text(self, write: Callable[..., str]) -> str:
         """Return the text of an SVG in the requested size, with its checksum. write: see `Made`."""
-        svg = write(self.title, self.comment())
+        svg = write(title=self.title, comment=self.comment())
         if self.request.width is not None or self.request.units != "px":
             svg = with_lengths(svg, *self.request.size_text(*self.picture.size))
         return with_checksum(svg)
