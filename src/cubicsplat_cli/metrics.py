@@ -45,7 +45,6 @@ DECIMALS = {metric.member: metric.decimals + 1 for metric in FURTHER.values()} |
     "psnr_db": 4, "weighted_psnr_db": 4, "worst_psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4,
     "ms_per_step": 4,
 }  # fmt: skip
-SECONDS_DECIMALS = 3
 T = TypeVar("T")
 
 
@@ -230,7 +229,7 @@ def plain(value: Any, name: str = "") -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     if isinstance(value, float):
-        decimals = DECIMALS.get(name, SECONDS_DECIMALS if name.endswith("_s") else None)
+        decimals = DECIMALS.get(name, 3 if name.endswith("_s") else None)
         if not math.isfinite(value):
             return None
         return float(value) if decimals is None else round(float(value), decimals)

@@ -21,7 +21,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.marks import sha256_of, with_checksum
-from cubicsplat_cli.formatting import counted
+from cubicsplat_cli.formatting import counted, mean
 from cubicsplat_cli.motion.fitting import fit_clip
 from cubicsplat_cli.motion.tracks import Tracks
 from cubicsplat_cli.options import GzipBytes
@@ -215,7 +215,7 @@ def _quality(animation: Animation, task: ClipTask, frames: Iterator[Frame]) -> t
         levels.append({"time_s": at, "psnr_db": psnr_db(frame.picture, picture, threads)})
         end = frame.end
     finite = [level["psnr_db"] for level in levels if level["psnr_db"] is not None]
-    return ClipQuality(sum(finite) / len(finite) if finite else None, min(finite, default=None), levels), end
+    return ClipQuality(mean(finite), min(finite, default=None), levels), end
 
 
 def _report(

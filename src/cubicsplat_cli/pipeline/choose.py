@@ -45,7 +45,6 @@ QUICK_OFF = 0.6  # the least share of a quick photo's mean CIEDE2000 that a fini
 # What its details add to most sketches, and to 11 of 12. A quick photo, which is too low itself, needs no more than the
 # first.
 SKETCH_DB, NEARLY_ALL_DB = 6.0, 9.5
-SHADING, NO_PHOTO = "its areas are shaded", "no photo of as many bytes is nearer"
 LOST_DB = 32.0  # of a drawing that has lost much of what people see: a mean error of 2.5 % of full scale
 
 
@@ -90,7 +89,7 @@ def _first(task: Task, style: Style | None) -> Made:
         check = partial(check_worth_finishing, task, or_shaded=True)
         free, far = not task.bounded and task.recorder is None, None  # of what only a photo has
         if style.name == PHOTO and free and not (style.doubtful or better_drawn):
-            if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
+            if (shaded := _shaded_instead(task, style, "no photo of as many bytes is nearer")) is not None:
                 return shaded
             if (expected := task.once(PhotoFit).expected()) < FAR_DB:
                 far = f"as a photo it has only {expected:.1f} dB"
@@ -319,7 +318,7 @@ def photo_is_nearer(
             return None
     curves = min(curves, task.request.settings.curves or curves)
     if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
-        return SHADING
+        return "its areas are shaded"
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
