@@ -51,7 +51,7 @@ def execute(
             jobs, request, address=cluster, count=count, limit=workers, observer=observer, stopping=stopping
         )
     elif plan.pictures == 1:
-        outcomes = _run_here(jobs, request, observer)
+        outcomes = (attempt(job, request, sink=FileSink(job), observer=observer) for job in jobs)
     else:
         from cubicsplat_cli.jobs.pool import run_in_workers
 
@@ -62,12 +62,6 @@ def execute(
         finished_before.clear()
         yield outcome
     yield from finished_before
-
-
-def _run_here(jobs: Iterator[Job], request: Request, observer: Observer) -> Iterator[Outcome]:
-    for job in jobs:
-        observer.begin(job.name)
-        yield attempt(job, request, sink=FileSink(job), observer=observer)
 
 
 def look(job: Job, request: Request) -> Outcome:

@@ -212,6 +212,7 @@ def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
 
     A bug fails the job too, and the outcome keeps its traceback. Raises KeyboardInterrupt if no file is written yet.
     """
+    observer.begin(job.name)
     try:
         with warnings_to(lambda text: observer.note(f"{job.name}: {text}", job.name)):
             return run_job(job, request, sink=sink, observer=observer)

@@ -196,18 +196,17 @@ def serve_fit(connection: Connection, opened: Callable[..., Engine]) -> None:
                     loop.interrupt()
                 continue
             name, arguments = request
+            result = None
             try:
                 with warnings_to(lambda text: connection.send(("warning", text))):
                     if name == GPU_CHECK:
                         require_gpu()
-                        result = None
                     elif loop is None:
                         target, settings, inputs, rough = arguments
                         if settings.device != "cpu":
                             stack.enter_context(_own_stream())
                         loop = FitLoop(target, settings, inputs, report, opened=opened, rough=rough)
                         stack.callback(lambda fit: fit.engine.close(), loop)
-                        result = None
                     else:
                         with loop.engine.turn():
                             result = getattr(loop, name)(*arguments)
