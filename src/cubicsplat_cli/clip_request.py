@@ -28,21 +28,17 @@ class ClipRequest:
     settings: FitSettings = field(default_factory=FitSettings)
     style: str = setting(AUTO, "choice", "Curves that blend, or few opaque shapes.", choices=STYLES)
     format: str | None = setting(
-        None, "choice", "SVG with SMIL, Lottie, or an SVG a frame.  [default: by OUT]", choices=FORMATS, optional=True
+        None, "choice", "SVG with SMIL, Lottie, or an SVG a frame.  [default: by OUT]", choices=FORMATS
     )
-    fps: float | None = setting(
-        None, "number", "Take so many frames a second.  [default: all]", least=0.1, most=240, optional=True
-    )
-    frames: int | None = setting(
-        None, "count", "Take the first so many frames only.", least=2, most=1_000_000, optional=True
-    )
-    loop: bool | None = setting(None, "flag", "Repeat for ever.  [default: as the clip does]", optional=True)
+    fps: float | None = setting(None, "number", "Take so many frames a second.  [default: all]", least=0.1, most=240)
+    frames: int | None = setting(None, "count", "Take the first so many frames only.", least=2, most=1_000_000)
+    loop: bool | None = setting(None, "flag", "Repeat for ever.  [default: as the clip does]")
     max_bytes: int | None = setting(
-        None, "count", "As much as fits: 200k, or 60kgz after gzip.", least=1, optional=True, parse=parse_bytes
+        None, "count", "As much as fits: 200k, or 60kgz after gzip.", least=1, parse=parse_bytes
     )
     precision: int = setting(1, "count", "Decimals of coordinates.", most=PRECISION.most)
     max_size: int | None = setting(
-        None, "count", "Work on frames with this longer side.", metavar="PX", least=1, most=1_000_000, optional=True
+        None, "count", "Work on frames with this longer side.", metavar="PX", least=1, most=1_000_000
     )
     max_pixels: int = setting(MAX_PIXELS, "count", "Refuse larger frames.", least=1, decides=False)
     html_report: bool = setting(False, "flag", "Also write OUT.html with a player.", option="report", decides=False)

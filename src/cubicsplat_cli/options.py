@@ -91,8 +91,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def setting(default: Any, kind: Kind, text: str, **facts: Any) -> Any:
-    """Return a field of a dataclass that is an option of the command."""
-    return field(default=default, metadata={"setting": Setting(kind, text, **facts)})
+    """Return a field of a dataclass that is an option of the command; it is optional if its default is None."""
+    return field(default=default, metadata={"setting": Setting(kind, text, **{"optional": default is None, **facts})})
 
 
 def settings_of(owner: type[Any]) -> Iterator[tuple[Field[Any], Setting]]:

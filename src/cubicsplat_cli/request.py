@@ -50,7 +50,7 @@ MOST_SHADING = 10_000  # curves of an object
 UNITS = {"px": 1.0, "mm": 25.4 / 96.0, "in": 1.0 / 96.0}  # in a px of CSS
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
 _OF_DRAWINGS: dict[str, Any] = {"group": STRUCTURE, "of_drawings": True}
-_SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
+_SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000}
 
 
 def parse_ground(given: str) -> str:
@@ -105,7 +105,7 @@ class Request:
     )
     force: bool = setting(False, "flag", "Redo all, and replace files of other programs.", group=COMMON, decides=False)
     precision: int | None = setting(
-        None, "count", "Decimals of coordinates.  [default: 2 for photos]", most=PRECISION.most, optional=True
+        None, "count", "Decimals of coordinates.  [default: 2 for photos]", most=PRECISION.most
     )
     max_size: int | None = setting(None, "count", "Work on a copy with this longer side.", metavar="PX", **_SIDE)
     max_pixels: int = setting(MAX_PIXELS, "count", "Refuse larger pictures.", least=1, hidden=True, **_OF_FILES)
@@ -120,14 +120,12 @@ class Request:
     init: InitialDrawing | None = setting(None, "text", "Start from this drawing.", metavar="SVG", group=PHOTOS)
     freeze: bool = setting(False, "flag", "Keep the curves of --init, and add to them.", group=PHOTOS, hidden=True)
     max_bytes: int | None = setting(
-        None, "count", "As much as fits: 20k, or 400gz after gzip.", least=1, optional=True, parse=parse_bytes
+        None, "count", "As much as fits: 20k, or 400gz after gzip.", least=1, parse=parse_bytes
     )
     target_psnr: float | None = setting(
-        None, "number", "As few curves or shapes as reach this PSNR.", least=1, most=60, metavar="DB", optional=True
+        None, "number", "As few curves or shapes as reach this PSNR.", least=1, most=60, metavar="DB"
     )
-    max_nodes: int | None = setting(
-        None, "count", "Outlines have at most so many points.", least=1, optional=True, group=DRAWINGS
-    )
+    max_nodes: int | None = setting(None, "count", "Outlines have at most so many points.", least=1, group=DRAWINGS)
     shading: str = setting(
         AUTO, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
         parse=parse_shading, hidden=True, group=STRUCTURE,
@@ -144,7 +142,7 @@ class Request:
         False, "flag", "An overlap of 1 px: no hairlines in viewers.", hidden=True, **_OF_DRAWINGS
     )
     overlap: float | None = setting(
-        None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX", optional=True,
+        None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX",
         hidden=True, **_OF_DRAWINGS,
     )  # fmt: skip
     ground: str = setting(KEEP, "text", "keep, remove or a colour.", metavar="WHAT", parse=parse_ground, **_OF_DRAWINGS)

@@ -16,6 +16,7 @@ from cubicsplat_cli.options import (
     COMMON,
     LOSSES,
     PHOTOS,
+    Kind,
     Setting,
     check_settings,
     listed,
@@ -48,6 +49,11 @@ class Mode(str, Enum):
 PRECISION = Setting("count", "Decimals of the coordinates, in px.", most=6)
 SCALE = Setting("count", "Times that a file is enlarged to see how it stands that.", least=1, most=12)
 MAX_PIXELS = 100_000_000  # of a picture, unless more are asked for
+
+
+def _by_preset(kind: Kind, text: str, **facts: Any) -> Any:
+    """A setting whose usual value the preset decides."""
+    return setting(FROM_PRESET, kind, text, optional=False, **facts)
 
 
 def _number(default: float, text: str, **facts: Any) -> Any:
@@ -161,7 +167,7 @@ class FitSettings:
 
     curves: int = setting(
         AUTO, "count", "Curves of a photo; most shapes of a drawing.  [default: auto]", group=COMMON, least=1,
-        most=1_000_000, optional=True, auto=True,
+        most=1_000_000, auto=True,
     )  # fmt: skip
     mode: Mode = setting(
         Mode.CLOSED, "choice", "Filled shapes (closed) or strokes (open).", choices=tuple(m.value for m in Mode)
@@ -169,19 +175,16 @@ class FitSettings:
     preset: str = setting(
         "standard", "choice", "Effort of a photo; other options win over it.", choices=tuple(PRESETS), group=COMMON
     )
-    steps: int = setting(FROM_PRESET, "count", "Optimisation steps of a photo.", least=1, most=10_000_000)
+    steps: int = _by_preset("count", "Optimisation steps of a photo.", least=1, most=10_000_000)
     time_limit: float | None = setting(
-        None, "number", "Time for one picture in all.", least=1e-3, most=1e7, metavar="SECONDS", optional=True
+        None, "number", "Time for one picture in all.", least=1e-3, most=1e7, metavar="SECONDS"
     )
-    segments: int = setting(
-        FROM_PRESET, "count", "Cubic segments per curve.", least=1, most=16, by_set=True, hidden_option=True
+    segments: int = _by_preset("count", "Cubic segments per curve.", least=1, most=16, by_set=True, hidden_option=True)
+    samples: int = _by_preset(
+        "count", "Most polyline edges per segment during the fit.", least=4, most=64, by_set=True, hidden_option=True
     )
-    samples: int = setting(
-        FROM_PRESET, "count", "Most polyline edges per segment during the fit.", least=4, most=64, by_set=True,
-        hidden_option=True,
-    )  # fmt: skip
-    finish_samples: int = setting(
-        FROM_PRESET, "count", "Most polyline edges per segment in the exact finish.", least=4, most=64, by_set=True
+    finish_samples: int = _by_preset(
+        "count", "Most polyline edges per segment in the exact finish.", least=4, most=64, by_set=True
     )
     loss: str = setting(
         "l2", "text", f"What to minimise: {listed(LOSSES)}, or a mixture (l2:0.7,ms-ssim:0.3).", metavar="LOSS",
@@ -196,13 +199,9 @@ class FitSettings:
     device: str = setting(
         "auto", "choice", "Where to compute; auto takes a working GPU.", choices=("auto", "cpu", "cuda")
     )
-    threads: int | None = setting(
-        None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024, optional=True
-    )
+    threads: int | None = setting(None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024)
     seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1)
-    background: str = setting(
-        FROM_PRESET, "text", "Colour behind all: auto, none, #rrggbb or a name.", metavar="COLOUR"
-    )
+    background: str = _by_preset("text", "Colour behind all: auto, none, #rrggbb or a name.", metavar="COLOUR")
     recipe: Recipe = FROM_PRESET
 
     def __post_init__(self) -> None:
