@@ -18,6 +18,7 @@ from benchmarks import Threads, main
 from benchmarks.tools import missing_piece, vtracer_svg
 from cubicsplat_cli.cli.bench import Limit, Markdown, print_report
 from cubicsplat_cli.cli.options import Json, argument, option
+from cubicsplat_cli.clip_request import ClipRequest
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import open_clip
@@ -58,7 +59,7 @@ class Played:
 
 def read(path: Path, frames: int, side: int) -> Filmed:
     """The first frames of a clip, those with transparency over black."""
-    found = list(open_clip(path, most_frames=frames, max_size=side).frames())[:frames]
+    found = list(open_clip(path, ClipRequest(frames=frames, max_size=side)).frames())[:frames]
     pictures = np.stack([frame.picture.premultiplied()[..., :3] for frame in found])
     return Filmed(pictures, np.array([frame.begin for frame in found]), np.array([frame.end for frame in found]))
 

@@ -188,7 +188,7 @@ def test_bytes_for_no_curve_at_all_are_refused(clip, tmp_path):
 
 
 def test_a_frame_that_is_shown_for_long_stands_still_before_it_changes():
-    task = ClipTask(clip_of_pictures(frames(2), fps=1), ClipRequest(), "", StageTimer())
+    task = ClipTask(clip_of_pictures(frames(2), ClipRequest(fps=1)), ClipRequest(), "", StageTimer())
     assert [(frame.begin, frame.end) for frame in task.held_frames()] == [
         (0.0, 1 - CHANGE_S), (1 - CHANGE_S, 1.0), (1.0, 2 - CHANGE_S), (2 - CHANGE_S, 2.0),
     ]  # fmt: skip

@@ -17,6 +17,7 @@ from moving_scenes import RIGID, STILL, moving_scene, scene_at, two_groups
 from PIL import Image
 
 import cubicsplat_cli
+from cubicsplat_cli.clip_request import ClipRequest
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.lottie import lottie
@@ -198,7 +199,7 @@ def test_chromium_plays_it_in_an_image(browser, tmp_path):
 def test_the_player_steps_and_plays(browser, tmp_path):
     pictures = [np.roll(smooth_pixels(40, 30), 4 * index, axis=1) for index in range(3)]
     animation = cubicsplat_cli.animate(pictures, fps=5, style="photo", curves=4, steps=20, threads=1)
-    frames = clip_of_pictures(pictures, fps=5).frames()
+    frames = clip_of_pictures(pictures, ClipRequest(fps=5)).frames()
     (tmp_path / "clip.html").write_bytes(player_page(animation.svg, animation.report, frames, "a <clip>"))
     page, said, asked = browser.new_page(), [], []
     page.on("console", lambda message: said.append(message.text))

@@ -63,18 +63,14 @@ def animate(
 
     Raises InputError for anything but a clip, UsageError for senseless options, EngineError if no engine runs.
     """
-    from cubicsplat_cli.files.clips import FOLDER_FPS, clip_of_pictures, open_clip
+    from cubicsplat_cli.files.clips import clip_of_pictures, open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
 
     check_library_names(ClipRequest, options)
     request, timer = clip_request_of(options), StageTimer()
     with timer("read"):
-        if isinstance(clip, (str, Path)):
-            source = open_clip(Path(clip), fps=request.fps, most_frames=request.frames, max_size=request.max_size)
-        else:
-            pictures = [*clip][: request.frames]
-            source = clip_of_pictures(pictures, fps=request.fps or FOLDER_FPS, max_size=request.max_size)
+        source = open_clip(Path(clip), request) if isinstance(clip, (str, Path)) else clip_of_pictures(clip, request)
     return animate_clip(ClipTask(source, request, title or Path(source.name).name, timer, on_progress))
 
 

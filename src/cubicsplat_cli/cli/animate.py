@@ -24,8 +24,6 @@ from cubicsplat_cli.settings import FitSettings
 if TYPE_CHECKING:
     from cubicsplat_cli.pipeline.animation import Animation
 
-_SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
-
 
 @takes_options(*FIT_SETTINGS, *(each.name for each in fields(ClipRequest)), owners=(FitSettings, ClipRequest))
 def animate(
@@ -75,12 +73,11 @@ def _format(output: str | None, chosen: str | None) -> str:
 
 
 def _places(clip: Path, output: str | None, request: ClipRequest) -> tuple[Path, Path, Path]:
-    """Return the paths of the file or the folder of frames, of the JSON of the figures, and of a page; by default they
-    lie beside the clip.
-    """
+    """Return the paths of the file or folder of frames, of the figures and of a page; by default beside the clip."""
     if output is None:
         beside, name = (clip.resolve().parent, clip.resolve().name) if is_folder(clip) else (clip.parent, clip.stem)
-        output = str(beside / f"{name}{_SUFFIXES[str(request.format)]}")
+        suffix = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}[str(request.format)]
+        output = str(beside / f"{name}{suffix}")
     result = Path(output)
     if request.format == FRAMES:
         return result, result / "metrics.json", result / "index.html"
@@ -106,8 +103,7 @@ def _run(clip: Path, places: tuple[Path, Path, Path], request: ClipRequest, repo
         reporter.begin(job)
         timer = StageTimer(reporter, job, started=command_began())
         with timer("read"):
-            bounds: dict[str, Any] = {"max_size": request.max_size, "max_pixels": request.max_pixels}
-            source = open_clip(clip, fps=request.fps, most_frames=request.frames, **bounds)
+            source = open_clip(clip, request)
         task = ClipTask(source, request, clip.resolve().name, timer, timer.step)
         animation = animate_clip(task, lambda made: _write(made, result, request))
         report = animation.report

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+from cubicsplat_cli.clip_request import ClipRequest
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.files.decode import AVIF, HEIC, decode, formats_of
 from cubicsplat_cli.files.load import Picture, PictureLike, as_picture, load_picture, resize_picture
@@ -27,7 +28,6 @@ from cubicsplat_cli.files.paths import is_folder
 from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.record import record
-from cubicsplat_cli.settings import MAX_PIXELS
 
 FOLDER_FPS = 25.0  # of pictures in a folder, which have no times: the default of ffmpeg
 UNTIMED_S = 0.1  # of a frame that asks for 10 ms or less, as browsers show it
@@ -67,23 +67,16 @@ class ClipSource:
         return replace(self, frames=lambda: change(self.frames()), count=count)
 
 
-def open_clip(
-    path: Path,
-    *,
-    fps: float | None = None,
-    most_frames: int | None = None,
-    max_size: int | None = None,
-    max_pixels: int = MAX_PIXELS,
-) -> ClipSource:
+def open_clip(path: Path, request: ClipRequest) -> ClipSource:
     """Open a clip, and check all of its frames.
 
-    fps: frames to take a second, in place of the clip's own times (folders: FOLDER_FPS). most_frames: to take from the
-    start. max_size: px of the longer side of the frames; larger ones are scaled down. max_pixels: of a frame.
-    Raises InputError for anything but a readable clip of two frames or more; EngineError for a video without PyAV.
+    request: its `fps` take the place of the clip's own times (folders: FOLDER_FPS); larger frames than its `max_size`
+    are scaled down. Raises InputError for anything but a readable clip of two frames or more; EngineError for a video
+    without PyAV.
     """
-    shown = printable(str(path))
+    shown, fps, max_pixels = printable(str(path)), request.fps, request.max_pixels
     if is_folder(path):
-        paths = sorted(pictures_in(path), key=_natural)[:most_frames]
+        paths = sorted(pictures_in(path), key=_natural)[: request.frames]
         loaded = [(partial(load_picture, each, max_pixels=max_pixels), printable(str(each))) for each in paths]
         source = _timed_clip(shown, loaded, fps or FOLDER_FPS)
     else:
@@ -91,15 +84,16 @@ def open_clip(
         if is_video(data):
             source = _video_clip(data, shown, max_pixels)
         else:
-            source = _picture_clip(data, shown, None if fps else most_frames, max_pixels)
+            source = _picture_clip(data, shown, None if fps else request.frames, max_pixels)
         if fps is not None:
             count = None if source.seconds is None else max(1, round(source.seconds * fps))
             source = source.changed(lambda frames: _resampled(frames, fps), count)
-    return _finished(source, most_frames, max_size)
+    return _finished(source, request)
 
 
-def _finished(source: ClipSource, most_frames: int | None, max_size: int | None) -> ClipSource:
-    """Return the clip cut to so many frames, scaled down, with its size. Raises InputError for a single frame."""
+def _finished(source: ClipSource, request: ClipRequest) -> ClipSource:
+    """Return the clip cut to the request's frames, scaled down, with its size. Raises InputError for a single frame."""
+    most_frames, max_size = request.frames, request.max_size
     if most_frames is not None:
         count = None if source.count is None else min(source.count, most_frames)
         source = source.changed(lambda frames: islice(frames, most_frames), count)
@@ -129,12 +123,11 @@ def _natural(path: Path) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
 
 
-def clip_of_pictures(
-    pictures: Sequence[PictureLike], *, fps: float = FOLDER_FPS, max_size: int | None = None
-) -> ClipSource:
+def clip_of_pictures(pictures: Sequence[PictureLike], request: ClipRequest) -> ClipSource:
     """Return a clip of pictures that are no files. Raises InputError for anything else, and for fewer than two."""
-    loaded = [(partial(as_picture, picture), f"<frames>: frame {n}") for n, picture in enumerate(pictures, 1)]
-    return _finished(_timed_clip("<frames>", loaded, fps), None, max_size)
+    taken = enumerate([*pictures][: request.frames], 1)
+    loaded = [(partial(as_picture, picture), f"<frames>: frame {number}") for number, picture in taken]
+    return _finished(_timed_clip("<frames>", loaded, request.fps or FOLDER_FPS), request)
 
 
 def _timed_clip(name: str, loaded: Sequence[tuple[Callable[[], Picture], str]], fps: float) -> ClipSource:
