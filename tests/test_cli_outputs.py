@@ -20,6 +20,7 @@ from cubicsplat_cli.formatting import duration, file_size
 from cubicsplat_cli.metrics import to_json
 from cubicsplat_cli.options import parse_background
 from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.request import Request
 
 
 def names(outputs) -> list[str]:
@@ -34,54 +35,54 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_default_is_beside_the_input(folder):
-    outputs = plan_outputs(folder / "other.jpg", None, png=True)
+    outputs = plan_outputs(folder / "other.jpg", None, Request())
     assert [path.parent for path in outputs.files()] == [folder] * 3
     assert names(outputs) == ["other.svg", "other.png", "other.json"]
-    assert names(plan_outputs(folder / "photo.jpg", None, png=False)) == ["photo.svg", "photo.json"]
+    assert names(plan_outputs(folder / "photo.jpg", None, Request(png=False))) == ["photo.svg", "photo.json"]
 
 
 def test_rendered_picture_never_takes_the_name_of_somebodys_picture(folder):
     for source in ("photo.png", "photo.jpg"):
-        assert names(plan_outputs(folder / source, None, png=True))[1] == "photo.rendered.png"
+        assert names(plan_outputs(folder / source, None, Request()))[1] == "photo.rendered.png"
     (folder / "photo.png").write_bytes(encode_png(np.zeros((4, 4, 4), np.uint8)))
-    assert names(plan_outputs(folder / "photo.jpg", None, png=True))[1] == "photo.png", "drawn by us"
+    assert names(plan_outputs(folder / "photo.jpg", None, Request()))[1] == "photo.png", "drawn by us"
     (folder / "photo.png").write_bytes(b"somebody's picture")
     link = folder / "link.png"
     link.symlink_to(folder / "photo.png")
-    assert names(plan_outputs(folder / "photo.png", str(folder / "link.svg"), png=True))[1] == "link.rendered.png"
+    assert names(plan_outputs(folder / "photo.png", str(folder / "link.svg"), Request()))[1] == "link.rendered.png"
 
 
 def test_output_may_be_a_folder_or_another_name(folder):
     (folder / "out").mkdir()
-    assert plan_outputs(folder / "photo.png", str(folder / "out"), png=True).svg == folder / "out" / "photo.svg"
-    assert plan_outputs(None, str(folder / "out"), png=True).svg == folder / "out" / "stdin.svg"
-    assert names(plan_outputs(folder / "photo.png", str(folder / "b.SVG"), png=True)) == ["b.SVG", "b.png", "b.json"]
-    assert plan_outputs(folder / "photo.png", f"{folder}/new/", png=True).svg == folder / "new" / "photo.svg"
+    assert plan_outputs(folder / "photo.png", str(folder / "out"), Request()).svg == folder / "out" / "photo.svg"
+    assert plan_outputs(None, str(folder / "out"), Request()).svg == folder / "out" / "stdin.svg"
+    assert names(plan_outputs(folder / "photo.png", str(folder / "b.SVG"), Request())) == ["b.SVG", "b.png", "b.json"]
+    assert plan_outputs(folder / "photo.png", f"{folder}/new/", Request()).svg == folder / "new" / "photo.svg"
 
 
 def test_compressed_outputs(folder):
     jpeg = folder / "photo.jpg"
-    assert names(plan_outputs(jpeg, None, png=False, compress=True)) == ["photo.svgz", "photo.json"]
-    assert names(plan_outputs(jpeg, str(folder / "x.svgz"), png=False)) == ["x.svgz", "x.json"]
-    assert is_compressed_name(plan_outputs(jpeg, str(folder / "x.svgz"), png=False).svg)
+    assert names(plan_outputs(jpeg, None, Request(png=False, compress=True))) == ["photo.svgz", "photo.json"]
+    assert names(plan_outputs(jpeg, str(folder / "x.svgz"), Request(png=False))) == ["x.svgz", "x.json"]
+    assert is_compressed_name(plan_outputs(jpeg, str(folder / "x.svgz"), Request(png=False)).svg)
     with pytest.raises(UsageError, match=r"\.svgz"):
-        plan_outputs(jpeg, str(folder / "x.svg"), png=False, compress=True)
+        plan_outputs(jpeg, str(folder / "x.svg"), Request(png=False, compress=True))
 
 
 def test_standard_output_writes_no_files(folder):
-    assert plan_outputs(folder / "photo.png", "-", png=True).files() == []
-    assert plan_outputs(None, None, png=True).files() == []
+    assert plan_outputs(folder / "photo.png", "-", Request()).files() == []
+    assert plan_outputs(None, None, Request()).files() == []
 
 
 def test_wrong_endings_and_the_input_itself_are_refused(folder):
     with pytest.raises(UsageError, match=r"\.svg"):
-        plan_outputs(folder / "photo.jpg", str(folder / "x.png"), png=True)
+        plan_outputs(folder / "photo.jpg", str(folder / "x.png"), Request())
     odd = folder / "odd.svg"
     odd.write_bytes(b"a picture with a wrong name")
     with pytest.raises(UsageError, match="is the input"):
-        plan_outputs(odd, None, png=True)
+        plan_outputs(odd, None, Request())
     with pytest.raises(UsageError, match="is the input"):
-        plan_outputs(odd, str(folder / "." / "odd.svg"), png=True)
+        plan_outputs(odd, str(folder / "." / "odd.svg"), Request())
 
 
 def test_files_of_others_are_not_replaced_without_force(folder):

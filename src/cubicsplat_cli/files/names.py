@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.paths import (
@@ -23,6 +24,9 @@ from cubicsplat_cli.files.paths import (
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.record import record
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.request import Request
 
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"
@@ -42,8 +46,7 @@ class Outputs:
     """Files of one vectorised picture; None: not written, or for `svg` standard output.
 
     metrics: the JSON. html_report: the page about the result. animation: the fit as it develops. geometrize: the list
-    of shapes. exports: the SVG in formats of other programs, each once. layers: the path at which the names of the SVGs
-    of the colours begin.
+    of shapes. exports: the SVG in formats of other programs, each once. layers: how the colours' SVGs begin.
     """
 
     svg: Path | None
@@ -63,16 +66,16 @@ class Outputs:
         exports = {format_of(path): path for path in self.exports}
         return exports[kind] if kind in exports else getattr(self, kind)
 
-    def with_others(self, formats: tuple[str, ...], folder: Path | None, *, page: bool) -> Outputs:
+    def with_others(self, request: Request, below: Path) -> Outputs:
         """Return the same with the files that are made of the SVG: beside it more formats of other programs and a page,
-        in a folder, if there is one, the layers. Without an SVG on the disk there are none.
+        and the layers, in a folder below that of the request. Without an SVG on the disk there are none.
         """
         if self.svg is None:
             return self
         have = {format_of(path) for path in self.exports}
-        more = [self.svg.with_suffix(f".{form}") for form in formats if form not in have]
-        layers = None if folder is None else folder / self.svg.stem
-        html_report = self.svg.with_suffix(PAGE) if page else None
+        more = [self.svg.with_suffix(f".{form}") for form in request.also if form not in have]
+        layers = None if request.layers is None else request.layers / below / self.svg.stem
+        html_report = self.svg.with_suffix(PAGE) if request.html_report else None
         return replace(self, exports=(*self.exports, *more), layers=layers, html_report=html_report)
 
     def existing_layers(self) -> list[Path]:
@@ -120,25 +123,17 @@ def parse_formats(given: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def plan_outputs(
-    source: Path | None,
-    output: str | None,
-    *,
-    png: bool,
-    metrics: bool = True,
-    compress: bool = False,
-    ending: str = "",
-) -> Outputs:
+def plan_outputs(source: Path | None, output: str | None, request: Request) -> Outputs:
     """Return the files for the picture at `source` (None: standard input) and the value of `-o` (None: not given).
 
     `-o` is an SVG file; a file in a format of other programs, beside which the SVG lies; a folder for the SVG (one that
     exists, or a name that ends with a slash); or "-" for standard output, which is also the default for standard input.
-    ending: added to names that are made of the picture's name. Raises UsageError if the name of the SVG has another
-    suffix than .svg or .svgz (with `compress` than .svgz), or if a file is the input.
+    The request's suffix is added to names that are made of the picture's name. Raises UsageError if the name of the SVG
+    has another suffix than .svg or .svgz (where it is to be compressed, than .svgz), or if a file is the input.
     """
     if output == STDIO or (output is None and source is None):
         return Outputs(None, None, None)
-    suffix = COMPRESSED if compress else PLAIN
+    suffix, ending = COMPRESSED if request.compress else PLAIN, request.suffix
     exports: tuple[Path, ...] = ()
     if output is None or names_a_folder(output):
         folder = Path(output) if output is not None else source.parent if source is not None else Path()
@@ -149,9 +144,9 @@ def plan_outputs(
             raise UsageError(f"--suffix is of names made of the picture's, but -o {output} is one; leave out either")
         if format_of(svg) is not None:
             exports, svg = (svg,), svg.with_suffix(suffix)
-    if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
+    if svg.suffix.lower() not in ((COMPRESSED,) if request.compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg, suffix)}")
-    outputs = replace(outputs_beside(svg, png=png, metrics=metrics, source=source), exports=exports)
+    outputs = replace(outputs_beside(svg, png=request.png, metrics=request.metrics, source=source), exports=exports)
     check_ownership(outputs.files(), force=True, source=source)  # whose files exist is seen later, in the work
     return outputs
 

@@ -39,8 +39,7 @@ _ANY_DEPTH = re.compile(rf"(?:(?<![^{_SEPARATORS}])\*\*(?:[{_SEPARATORS}]+|$))+"
 @dataclass(frozen=True)
 class Job:
     """One picture to vectorise. name: as the user named it, for messages and reports. path: None for standard input,
-    whose bytes are `data`. below: the picture's folder, relative to the folder that the user named. mask: of this
-    picture alone.
+    whose bytes are `data`. below: the picture's folder, relative to the one that the user named. mask: its own.
     """
 
     name: str
@@ -96,13 +95,11 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
                 raise UsageError(f"--{name} is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs([*search.sources.values()], output, request)
-        return _with_others(JobPlan(jobs, [*search.problems], search.left_out), output, request)
+        return _with_others(JobPlan(jobs, search.problems, search.left_out), output, request)
     path = None if first == STDIO else Path(first)
     if path is not None and is_svg(path):
         raise InputError(f"{printable(first)}: is an SVG or XML file, already vector; give a raster picture")
-    outputs = plan_outputs(
-        path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
-    )
+    outputs = plan_outputs(path, output, request)
     if request.geometrize and outputs.metrics and _key(request.geometrize) == _key(outputs.metrics):
         raise UsageError(f"{outputs.metrics} will hold the figures; give --geometrize another name, or add --no-json")
     outputs = replace(outputs, animation=request.animation, geometrize=request.geometrize)
@@ -125,10 +122,7 @@ def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan
     folder = request.layers
     if folder is not None and is_there(folder) and not is_folder(folder):
         raise UsageError(f"--layers {folder} is a file; give a folder")
-    jobs = []
-    for job in made.jobs:
-        layers = None if folder is None else folder / job.below
-        jobs.append(replace(job, outputs=job.outputs.with_others(request.also, layers, page=request.html_report)))
+    jobs = [replace(job, outputs=job.outputs.with_others(request, job.below)) for job in made.jobs]
     _check_distinct(((job.outputs.layers, job.name) for job in jobs), "{}-...; use two runs with other --layers")
     pages = [job.outputs.html_report for job in jobs if job.outputs.html_report is not None]
     if made.pictures == 1 or not pages:
@@ -225,7 +219,7 @@ class PictureSearch:
     """
 
     sources: dict[Path, tuple[Path, Path]] = field(default_factory=dict)
-    problems: list[tuple[str, InputError]] = field(default_factory=list)
+    problems: list[tuple[str, CubicSplatError]] = field(default_factory=list)
     left_out: dict[str, list[Path]] = field(default_factory=lambda: defaultdict(list))
 
 
