@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
-from cubicsplat_cli.photo.inputs import NO_INPUTS
+from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs
 from cubicsplat_cli.photo.loop import FitLoop, fit
 from cubicsplat_cli.photo.seeding import (
     Seeder,
@@ -300,7 +300,7 @@ def test_an_interrupt_right_after_curves_were_added_returns_what_was_before():
 
 def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():
     whole = np.random.default_rng(2).random((12, 16, 3)).repeat(6, 0).repeat(6, 1).astype(np.float32)
-    fitting = FitLoop(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), NO_INPUTS))
+    fitting = FitLoop(whole, settings(steps=60), FitInputs(rough=(whole[::2, ::2].copy(), NO_INPUTS)))
     assert fitting.relax(0.5)
     fitting.resize(np.arange(fitting.scene().curves), 17)
     found = fitting.finish()

@@ -176,7 +176,7 @@ def test_an_interruption_that_comes_too_late_ends_the_next_part():
     ours, theirs = Pipe()
     thread = threading.Thread(target=remote.serve_fit, args=(theirs, on_cpu))
     thread.start()
-    for request in (("begin", (picture(0), SETTINGS, FitInputs(), None)), None, ("relax", (1.0,)), ("finish", ())):
+    for request in (("begin", (picture(0), SETTINGS, FitInputs())), None, ("relax", (1.0,)), ("finish", ())):
         ours.send(request)
     answers = [ours.recv() for _ in range(3)]
     ours.close()

@@ -134,9 +134,9 @@ def fitted(monkeypatch):
     sizes = []
 
     class Noted(FitLoop):
-        def __init__(self, target, settings, *given, rough=None):
-            sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
-            super().__init__(target, settings, *given, rough=rough)
+        def __init__(self, target, settings, inputs, *given):
+            sizes.append((target.shape[1::-1], None if inputs.rough is None else inputs.rough[0].shape[1::-1]))
+            super().__init__(target, settings, inputs, *given)
 
     monkeypatch.setattr("cubicsplat_cli.photo.loop.FitLoop", Noted)
     return sizes

@@ -21,7 +21,8 @@ class FitInputs:
     start: a scene, of any size, to begin with in place of discs; the fit gets as many curves as its settings say, by
     seeding more or by leaving out the least important. frozen: the curves of the start stay as they are. ground: (H, W,
     3) float32, a picture behind the curves in place of a colour; only for pictures without transparency, on the CPU.
-    metric: (2, H, W, 3) float32, the costs of errors there in place of the loss, see `Engine`.
+    metric: (2, H, W, 3) float32, the costs of errors there in place of the loss, see `Engine`. rough: a smaller copy of
+    the picture, for all steps but the exact finish, and its inputs; not for fits with a start.
     """
 
     weights: np.ndarray | None = None
@@ -29,6 +30,7 @@ class FitInputs:
     frozen: bool = False
     ground: np.ndarray | None = None
     metric: np.ndarray | None = None
+    rough: tuple[np.ndarray, FitInputs] | None = None
 
     @property
     def frozen_curves(self) -> int:

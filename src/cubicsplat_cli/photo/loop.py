@@ -34,9 +34,8 @@ RUN_SECONDS = 0.05  # of steps in a row, after which Ctrl-C and time limits have
 class FitLoop:
     """Advances the state of one fit, on the engine that `opened` gives; between parts its number of curves may change.
 
-    target: (H, W, C), of numpy, or of torch to try that on the CPU; all other arrays there are of its kind. rough: a
-    smaller copy of the picture, for all steps but the exact finish, and its inputs. Only fits that do not begin with a
-    drawing come in parts, or have such a copy. Other parameters, and errors, are those of `fit`.
+    target: (H, W, C), of numpy, or of torch to try that on the CPU; all other arrays there are of its kind. Only
+    fits that do not begin with a drawing come in parts. Other parameters, and errors, are those of `fit`.
     """
 
     def __init__(
@@ -47,7 +46,6 @@ class FitLoop:
         on_progress: OnProgress | None = None,
         recorder: FrameRecorder | None = None,
         opened: Callable[..., Engine] = open_engine,
-        rough: tuple[np.ndarray, FitInputs] | None = None,
     ) -> None:
         target, start = _checked(target, inputs), inputs.start
         self.settings = settings.for_size(int(target.shape[1]), int(target.shape[0]))
@@ -56,9 +54,9 @@ class FitLoop:
             self.settings = self.settings.with_(recipe=warmed(settings.recipe, share))
         # The picture and inputs of the exact finish, if it has others.
         self._finish: tuple[np.ndarray, FitInputs] | None = None
-        if rough is not None and settings.recipe.finish > 0.0:
+        if inputs.rough is not None and settings.recipe.finish > 0.0:
             self._finish = target, inputs
-            target, inputs = _checked(*rough), rough[1]
+            target, inputs = _checked(*inputs.rough), inputs.rough[1]
         self.recorder, self.inputs = recorder, inputs
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)

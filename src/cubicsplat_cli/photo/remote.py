@@ -60,8 +60,6 @@ def begin_fit(
     inputs: FitInputs | None = None,
     on_progress: OnProgress | None = None,
     recorder: FrameRecorder | None = None,
-    *,
-    rough: tuple[np.ndarray, FitInputs] | None = None,
 ) -> FitLoop | RemoteFit:
     """Begin a fit that runs in parts, in the server if there is one. Parameters and errors are those of `FitLoop`.
 
@@ -72,8 +70,8 @@ def begin_fit(
 
     inputs = inputs or NO_INPUTS
     if not _servers or settings.device == "cpu" or recorder is not None or inputs.ground is not None:
-        return FitLoop(target, settings, inputs, on_progress, recorder, rough=rough)
-    return RemoteFit(_servers[0], on_progress or nothing, target, settings, inputs, rough)
+        return FitLoop(target, settings, inputs, on_progress, recorder)
+    return RemoteFit(_servers[0], on_progress or nothing, target, settings, inputs)
 
 
 def require_gpu() -> None:
@@ -202,10 +200,10 @@ def serve_fit(connection: Connection, opened: Callable[..., Engine]) -> None:
                     if name == GPU_CHECK:
                         require_gpu()
                     elif loop is None:
-                        target, settings, inputs, rough = arguments
+                        target, settings, inputs = arguments
                         if settings.device != "cpu":
                             stack.enter_context(_own_stream())
-                        loop = FitLoop(target, settings, inputs, report, opened=opened, rough=rough)
+                        loop = FitLoop(target, settings, inputs, report, opened=opened)
                         stack.callback(lambda fit: fit.engine.close(), loop)
                     else:
                         with loop.engine.turn():

@@ -43,8 +43,7 @@ DB_PER_DOUBLING = 1.4
 BEGINNING = 256  # curves of a fit that is to reach a level
 AIM = 0.35  # dB above the requested level: at the last look the rise is uncertain by 0.16 dB (standard deviation)
 MOST_GROWTH = 8.0  # times the curves, at one look
-# Further fits after the first; their share of its steps; and the least growth of the curves, since few steps with less
-# growth gain nothing.
+# Further fits after the first; their share of its steps; the least growth of the curves: less would gain nothing.
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
@@ -65,12 +64,12 @@ class Photo:
 
     def begin(self, settings: FitSettings, start: Scene | None = None) -> FitLoop | RemoteFit:
         """Begin a fit that runs in parts; from the curves of a scene on, if given, to the fine picture alone."""
-        task, inputs, rough = self.task, self.inputs, None
+        task, inputs = self.task, self.inputs
         if start is not None:
             inputs = replace(inputs, start=start)
         elif self.rough is not self.fine:
-            rough = self.rough.target(), FitInputs(task.weights(self.rough))
-        return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder, rough=rough)
+            inputs = replace(inputs, rough=(self.rough.target(), FitInputs(task.weights(self.rough))))
+        return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder)
 
     def writer(self, scene: Scene) -> Callable[..., str]:
         """Return a function that writes the SVG of a scene, at the picture's size, for a title and a comment."""
