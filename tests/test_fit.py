@@ -235,7 +235,7 @@ def test_specks_beside_the_silhouette_go_and_one_of_two_curves_that_hide_each_ot
     target = np.zeros((28, 40, 4), np.float32)
     target[8:22, 10:30] = (0.5, 0.5, 0.5, 1.0)
     fit_loop = loop(target, segments=4)
-    begun = curves_to_fit(scene, fit_loop.settings, 40, 28).as_torch()
+    begun = curves_to_fit(scene, fit_loop.settings, 40, 28, None).as_torch()
     kept = fit_loop.evaluator.without_idle(begun, 0)
     assert kept.curves == 1
     assert torch.equal(kept.points[0], twin)

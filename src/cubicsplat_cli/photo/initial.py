@@ -118,9 +118,7 @@ def choose_background(target: Array, settings: FitSettings, weights: Array | Non
     return mean[0], mean[1], mean[2]
 
 
-def curves_to_fit(
-    scene: Scene, settings: FitSettings, width: int, height: int, background: Background = None
-) -> FitCurves:
+def curves_to_fit(scene: Scene, settings: FitSettings, width: int, height: int, background: Background) -> FitCurves:
     """Return a scene's curves as a fit has them, on a canvas of width x height px.
 
     Raises InputError for strokes if the settings ask for filled shapes, for filled shapes if they ask for strokes, and

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -138,12 +138,10 @@ def _made_of(photo: Photo, fitted: FitResult) -> Made:
         finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
         notes.append(f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}")
     scene = fitted.scene.scaled(*photo.task.picture.size)
-    return _result(scene, photo.writer(scene), fitted, fitted.samples, notes)
+    return _result(scene, photo.writer(scene), replace(fitted, notes=[*notes, *fitted.notes]))
 
 
-def _result(
-    scene: Scene, write: Callable[..., str], fitted: FitResult, samples: int, notes: Sequence[str] = ()
-) -> Made:
+def _result(scene: Scene, write: Callable[..., str], fitted: FitResult) -> Made:
     facts = {
         "device": fitted.device,
         "replaced": fitted.replaced,
@@ -151,7 +149,7 @@ def _result(
         "history": fitted.history,
         "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
     }
-    return Made(scene, samples, write, scene.curves, [*notes, *fitted.notes], facts, interrupted=fitted.interrupted)
+    return Made(scene, fitted.samples, write, scene.curves, fitted.notes, facts, interrupted=fitted.interrupted)
 
 
 def _tiny_photo(task: Task) -> Made:
@@ -161,7 +159,7 @@ def _tiny_photo(task: Task) -> Made:
     most = task.request.max_bytes
     assert most is not None
     polygons, fitted = fitted_polygons(most, _one_opacity(task.settings(), transparent=False), task)
-    return _result(polygons.scene(*task.picture.size), lambda **_: polygons.text(), fitted, 1)
+    return _result(polygons.scene(*task.picture.size), lambda **_: polygons.text(), fitted)
 
 
 def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:

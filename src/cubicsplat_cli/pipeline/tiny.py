@@ -44,8 +44,7 @@ UNITS_PER_SPACING = 11.0  # of the grid, for the side of a polygon's share of th
 LEAST_UNITS, MOST_UNITS = 48, 96  # numbers of two digits
 PIXELS_PER_UNIT = 2  # of the copy that is fitted
 SWEEPS = 30
-# The worth of a byte: a file twice as large has about 40 % less error. The price begins lower, and falls after each
-# sweep within the limit.
+# The worth of a byte: twice as many make the error about 40 % less. It begins lower; sweeps within the limit lower it.
 PRICE, CHEAPER = 0.6, 0.8
 GAIN = 1e-4  # of the loss for each polygon; a sweep that gains less is the last
 SURPLUS = 0.2  # share of the excess bytes that are removed before the next sweep; that sweep saves some itself
@@ -104,7 +103,7 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
 
     searches = _side_by_side(searched, len(fits), at_once, stop)
     best, (_, result) = min(zip(searches, fits, strict=False), key=lambda pair: pair[0].loss)
-    return best.polygons, replace(result, interrupted=stop.is_set())
+    return best.polygons, replace(result, samples=1, interrupted=stop.is_set())  # a side is one edge
 
 
 def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: Event) -> list[T]:
