@@ -11,8 +11,6 @@ from cubicsplat_cli.options import RENAMED, TINY_BYTES, GzipBytes, renamed, sett
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import ANY, MAX_PIXELS, FitSettings
 
-_TINY_STEPS = 1200  # of the fit of a photo whose polygons will lie on a coarse grid
-
 
 def check_library_names(owner: type[Request] | type[ClipRequest], options: Mapping[str, Any]) -> None:
     """Raise UsageError for an option of a request that the library does not take: it decides no result."""
@@ -81,6 +79,6 @@ def _prefer_polygons(fit: dict[str, Any]) -> None:
     if fit.get("shapes", ANY) == ANY and fit.get("fill", "flat") == "flat":
         fit["shapes"] = "polygon"
     if fit.get("preset", "standard") == "standard":
-        fit.setdefault("steps", _TINY_STEPS)
+        fit.setdefault("steps", 1200)
     if fit.get("shapes", ANY) in (ANY, "polygon"):
         fit.setdefault("segments", 4)

@@ -65,8 +65,7 @@ def takes_options(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Replace the last parameter of a command, `**options`, by options made from settings.
 
-    names: of settings of the owners; all by default. after: the number of the command's own parameters that come before
-    them in the help.
+    names: of settings of the owners; all by default. after: so many of the command's own parameters come before.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

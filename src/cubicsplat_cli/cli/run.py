@@ -144,9 +144,7 @@ class BatchRun:
 
     @contextmanager
     def _interrupts(self) -> Iterator[None]:
-        """Within, the first Ctrl-C ends the fits and drawings under way with their results so far, and the second ends
-        everything.
-        """
+        """Within, the first Ctrl-C ends the work under way with its results so far, and the second ends everything."""
 
         def stop(_number: int, _frame: FrameType | None) -> None:
             again, self.stopped = self.stopped, True

@@ -76,8 +76,7 @@ def read_file(path: Path) -> bytes:
 def unpacked(data: bytes, name: str) -> bytes:
     """Return the content of a gzip file, or `data` if it is none.
 
-    Raises InputError, naming the file, if it is damaged, or if its content is over a limit: a small file can hold any
-    number of zeros.
+    Raises InputError, naming the file, if it is damaged, or if its content, perhaps mere zeros, is over a limit.
     """
     if not data.startswith(GZIP):
         return data

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from cubicsplat_cli.pipeline.task import Made, Measured, Task
 
 POLL_SECONDS = 0.2  # between two checks for a stop while nothing happens
-_OVER = 1.25  # of a time limit: what is not worth a note
 DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
 
 
@@ -187,7 +186,7 @@ def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sin
 
 def _say_overtime(report: Report, task: Task) -> None:
     timing, limit = report.timing, task.request.settings.time_limit
-    if limit is not None and timing.total_s > _OVER * limit:
+    if limit is not None and timing.total_s > 1.25 * limit:  # less is not worth a note
         work = "drawing" if report.shapes is not None else "fit"
         said = f"took {timing.total_s:.1f} s, more than --time-limit {limit:g}: {timing.fit_s:.1f} s for the {work}"
         task.timer.note(f"{task.source.source}: {said}, {timing.total_s - timing.fit_s:.1f} s for the rest")

@@ -38,12 +38,10 @@ from cubicsplat_cli.scene import LayeredScene
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
-# Shapes can be edited, so curves replace them only if plainly better. A quick photo is at least this far behind a
-# finished one.
+# Shapes can be edited, so only plainly better curves replace them. A quick photo is so far behind a finished one.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
 QUICK_OFF = 0.6  # the least share of a quick photo's mean CIEDE2000 that a finished one has, of seven pictures
-# What its details add to most sketches, and to 11 of 12. A quick photo, which is too low itself, needs no more than the
-# first.
+# What its details add to most sketches, and to 11 of 12. A quick photo, too low itself, needs no more than the first.
 SKETCH_DB, NEARLY_ALL_DB = 6.0, 9.5
 LOST_DB = 32.0  # of a drawing that has lost much of what people see: a mean error of 2.5 % of full scale
 

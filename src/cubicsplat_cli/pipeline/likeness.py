@@ -62,9 +62,7 @@ def delta_e(task: Task, made: Drawn) -> float:
 
 
 def _pairs(task: Task, made: Drawn) -> Iterable[tuple[Picture, ImageSource]]:
-    """Return the pairs of `_beside` for the engine's picture of a scene, also blurred, and those of the small target;
-    none without a scene.
-    """
+    """Return `_beside` of a scene's picture, also blurred, and pairs with the small target; none without a scene."""
     scene, small = made.scene, made.small
     if scene is None:
         return ()
