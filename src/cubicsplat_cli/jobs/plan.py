@@ -63,11 +63,6 @@ class Job:
 
         return replace(request, masks=None, weights=load_mask(self.mask, max_pixels=request.max_pixels))
 
-    @property
-    def title(self) -> str:
-        """The SVG's title."""
-        return "stdin" if self.path is None else self.path.name
-
 
 @record
 class JobPlan:
@@ -238,7 +233,11 @@ def find_sources(arguments: list[str], *, recursive: bool) -> PictureSearch:
         if is_folder(path):
             _take_folder(path, recursive, search)
         elif _is_pattern(argument):
-            _take_pattern(argument, search)
+            matches = sorted({match for match in _matching(argument) if not is_folder(match)})
+            if not matches:
+                search.problems.append((argument, InputError(f"{argument}: no file matches; check the pattern")))
+            for match in matches:
+                _take_file(match, search)
         else:
             _take_file(path, search)
     return search
@@ -253,14 +252,6 @@ def _take_file(path: Path, search: PictureSearch, below: Path = Path()) -> None:
         search.left_out["drawn by cubicsplat itself"].append(path)
     else:
         search.sources.setdefault(path.absolute(), (path, below))
-
-
-def _take_pattern(pattern: str, search: PictureSearch) -> None:
-    matches = sorted({path for path in _matching(pattern) if not is_folder(path)})
-    if not matches:
-        search.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
-    for path in matches:
-        _take_file(path, search)
 
 
 def _matching(pattern: str) -> Iterator[Path]:

@@ -74,7 +74,8 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
     recorder = None if job.outputs.animation is None else FrameRecorder(FRAMES)
-    task = task_of(picture, request, timer, title=job.title, on_progress=timer.step, recorder=recorder)
+    title = "stdin" if job.path is None else job.path.name
+    task = task_of(picture, request, timer, title=title, on_progress=timer.step, recorder=recorder)
     for made in candidates(task):
         svg = task.svg(made)
         if made.interrupted and is_finished(job):

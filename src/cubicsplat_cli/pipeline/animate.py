@@ -170,7 +170,7 @@ def drawn_clip(task: ClipTask, work: Work) -> Animation:
     plays, (starts, ends) = task.request.plays(task.source.plays), np.array(spans).T
     duration, middles = spans[-1][1], (starts + ends) / 2.0
     text = write_moving_drawing(moving, starts, duration, title=task.title, comment=task.comment, plays=plays)
-    return DrawnAnimation(with_checksum(text), starts, middles, duration, plays, task.title, task.comment, moving)
+    return DrawnAnimation(with_checksum(text), starts, middles, duration, plays, moving)
 
 
 def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:

@@ -101,8 +101,6 @@ class Animation(ABC):
     exact: np.ndarray
     duration: float
     plays: int
-    title: str
-    comment: str
     notes: tuple[str, ...] = field(default=(), kw_only=True)
     report: ClipReport | None = field(default=None, kw_only=True)
 
@@ -151,6 +149,8 @@ class Animation(ABC):
 class CurvesAnimation(Animation):
     """Moving curves that blend. clip: the numbers of the file."""
 
+    title: str
+    comment: str
     clip: GridClip
 
     @property
