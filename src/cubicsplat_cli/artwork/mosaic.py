@@ -13,7 +13,6 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import FULL, widened
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
-from cubicsplat_cli.artwork.scene import filled_scene
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import border_map
 from cubicsplat_cli.record import record
@@ -88,7 +87,8 @@ class Mosaic:
         parts = [part for layer in reversed(self.layers) for part in layer.parts()]
         if not parts:
             return None
-        return filled_scene(self.width, self.height, [part.rings() for part in parts], [part.fill for part in parts])
+        fills = np.array([part.fill for part in parts], np.float32) / np.float32(255.0)
+        return Scene.filled(self.width, self.height, [part.rings() for part in parts], fills)
 
 
 def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cells, bool]:

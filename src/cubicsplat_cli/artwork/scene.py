@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 
@@ -11,10 +10,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import FINE
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
+from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer
 from cubicsplat_cli.scene.gradients import gradients_of
-from cubicsplat_cli.scene.paint import Rgba
-from cubicsplat_cli.settings import Mode
 
 
 def picture_of(drawing: Drawing) -> Scene | LayeredScene:
@@ -47,16 +44,7 @@ def scene_of(drawing: Drawing) -> Scene:
         raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")
     front_first = drawing.shapes[::-1]
     # A gradient's opacity is that of its stops.
-    fills = [(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first]
+    fills = np.array([(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first], np.float32)
     rings = [[ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in s.oriented(FINE)] for s in front_first]
-    scene = filled_scene(drawing.width, drawing.height, rings, fills)
+    scene = Scene.filled(drawing.width, drawing.height, rings, fills / np.float32(255.0))
     return replace(scene, gradients=gradients_of([shape.gradient for shape in front_first]))
-
-
-def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: Sequence[Rgba]) -> Scene:
-    """Return closed curves, front to back, of rings (3m, 2) px and 8-bit fills, without a background."""
-    points, ring_ends = pack_rings(Mode.CLOSED, rings)
-    colours = np.array(fills, np.float32) / np.float32(255.0)
-    rgb, opacities = np.ascontiguousarray(colours[:, :3]), np.ascontiguousarray(colours[:, 3])
-    half_widths = np.zeros(len(fills), np.float32)
-    return Scene(Mode.CLOSED, width, height, points, rgb, opacities, half_widths, ring_ends=ring_ends)

@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, is_array, kind_of, like, namespace, padded, places_used
 from cubicsplat_cli.scene.gradients import Gradients
@@ -68,6 +70,17 @@ class Scene(CurveArrays):
     background: tuple[float, float, float] | None = None
     ring_ends: Array | None = None
     gradients: Gradients | None = None
+
+    @classmethod
+    def filled(
+        cls, width: int, height: int, rings: Sequence[Sequence[np.ndarray]], fills: np.ndarray,
+        background: tuple[float, float, float] | None = None,
+    ) -> Scene:  # fmt: skip
+        """Return closed curves of rings (3m, 2) px and fills (N, 4), sRGB and opacity in [0, 1]; of float32 both."""
+        points, ring_ends = pack_rings(Mode.CLOSED, rings)
+        colours, opacities = np.ascontiguousarray(fills[:, :3]), np.ascontiguousarray(fills[:, 3])
+        half_widths = np.zeros(len(fills), np.float32)
+        return cls(Mode.CLOSED, width, height, points, colours, opacities, half_widths, background, ring_ends)
 
     @property
     def curves(self) -> int:

@@ -13,9 +13,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, extent_of, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, CAPS, JOINS, MITER, Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
+from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
-from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_paths import LETTERS, controls_of, ring_of, rounded_of
 from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
@@ -133,12 +132,8 @@ def _shading_curves(group: OwnElement) -> list[ShadingCurve]:
 
 def _scene(size: tuple[int, int], curves: Sequence[ShadingCurve]) -> Scene:
     """Return the curves of a shading as a scene, the first one at the front."""
-    points, ring_ends = pack_rings(Mode.CLOSED, [[ring.astype(np.float32)] for ring, _ in curves])
-    fills = np.array([fill for _, fill in curves], np.float32)
-    return Scene(
-        Mode.CLOSED, *size, points, fills[:, :3] / np.float32(255.0), np.ascontiguousarray(fills[:, 3]),
-        np.zeros(len(fills), np.float32), ring_ends=ring_ends,
-    )  # fmt: skip
+    fills = np.array([fill for _, fill in curves], np.float32) / np.array([255.0, 255.0, 255.0, 1.0], np.float32)
+    return Scene.filled(*size, [[ring.astype(np.float32)] for ring, _ in curves], fills)
 
 
 def _shapes(element: OwnElement, gradients: GradientReader) -> list[Shape]:

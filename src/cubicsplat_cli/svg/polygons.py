@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.shapes import polygon_points
-from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import format_number, joined
 
 LEVELS = 15  # of a colour channel of 4 bits
@@ -59,14 +58,11 @@ class GridPolygons:
 
     def scene(self, width: int, height: int) -> Scene:
         """Return the polygons as a scene on a canvas of width x height px."""
-        scale, n = np.array([width, height]) / self.size, len(self.vertices)
-        rings = [[polygon_points(vertices[None] * scale)[0]] for vertices in self.vertices]
-        points, ends = pack_rings(Mode.CLOSED, rings)
+        scale = np.array([width, height]) / self.size
+        rings = [[polygon_points(vertices[None] * scale)[0].astype(np.float32)] for vertices in self.vertices]
+        fills = np.pad(self.colours / LEVELS, ((0, 0), (0, 1)), constant_values=self.opacity / TENTHS)
         background = None if self.background is None else tuple((self.background / LEVELS).tolist())
-        return Scene(
-            Mode.CLOSED, width, height, points.astype(np.float32), (self.colours / LEVELS).astype(np.float32),
-            np.full(n, self.opacity / TENTHS, np.float32), np.zeros(n, np.float32), background, ends,
-        )  # fmt: skip
+        return Scene.filled(width, height, rings, fills.astype(np.float32), background)
 
 
 def grid_size(width: int, height: int, units: int) -> tuple[float, float]:
