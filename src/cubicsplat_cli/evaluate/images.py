@@ -21,6 +21,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import AnyScene, EmbeddedImage, LayeredScene, Scene
 from cubicsplat_cli.scene.arrays import block_means, padded
+from cubicsplat_cli.scene.paint import laid_over
 from cubicsplat_cli.settings import SCALE
 
 if TYPE_CHECKING:
@@ -235,27 +236,19 @@ def of_scene(scene: AnyScene | None, width: int, height: int, samples: int, thre
     return ImageSource(width, height, sized.background is None, rows)
 
 
-def _over(below: np.ndarray, above: np.ndarray) -> np.ndarray:
-    """Lay one picture (H, W, 4), premultiplied, over another."""
-    return above + below * (np.float32(1.0) - above[..., 3:])
-
-
 def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
     """Return the source of layers: each is drawn as a whole, clipped, and laid over the layers before it."""
 
     def rows(top: int, bottom: int) -> np.ndarray:
-        tile = Tile(0, top, scene.width, bottom - top)
+        def drawn(part: Scene | EmbeddedImage) -> np.ndarray:
+            if isinstance(part, EmbeddedImage):
+                return part.rows(top, bottom)
+            return draw_part(part, 1, Tile(0, top, scene.width, bottom - top), samples, threads)
+
         out: np.ndarray = np.zeros((bottom - top, scene.width, 4), np.float32)
         for layer in scene.layers:
-            drawn: np.ndarray = np.zeros_like(out)
-            for part in layer.scenes:
-                if isinstance(part, EmbeddedImage):
-                    drawn = _over(drawn, part.rows(top, bottom))
-                else:
-                    drawn = _over(drawn, draw_part(part, 1, tile, samples, threads))
-            if layer.clip is not None:
-                drawn *= draw_part(layer.clip, 1, tile, samples, threads)[..., 3:]
-            out = _over(out, drawn)
+            whole = laid_over([drawn(part) for part in layer.scenes])
+            out = laid_over((out, whole if layer.clip is None else whole * drawn(layer.clip)[..., 3:]))
         return np.clip(out, 0.0, 1.0)
 
     return ImageSource(scene.width, scene.height, True, rows)

@@ -4,13 +4,13 @@ animated clip: a player beside the clip, and the quality of each frame.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 from PIL import Image
 
 from cubicsplat_cli.clip_request import ClipReport
+from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import made_mark
@@ -66,7 +66,7 @@ def record_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: 
         part = sized.chosen(slice(-count, None))  # the shapes furthest back
         error = float(((render_scene(part, samples=_SAMPLES, threads=threads) - target) ** 2).mean())
         # A shape that later ones complete may make the picture worse at first; it counts as a step forward.
-        shown_db = max(shown_db, -10.0 * math.log10(max(error, 1e-10))) + 1e-3
+        shown_db = max(shown_db, decibels(max(error, 1e-10))) + 1e-3
         film.keep(shown_db, part)
 
 
