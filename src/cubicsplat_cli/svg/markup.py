@@ -9,8 +9,7 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba
-
-OPAQUE = 255
+from cubicsplat_cli.svg.values import OPACITY_DECIMALS, OPAQUE
 
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
 _NOT_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
@@ -19,7 +18,6 @@ _SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 _SIDE = re.compile(r'(?<= )(width|height)="[^"]*"')
 # Characters that a data URI between double quotes, in an attribute or in CSS, need not escape.
 _SAFE_IN_URI = " !$&'()*+,/:;=?@"
-_DECIMALS = 3  # of offsets and opacities
 
 
 @lru_cache(1 << 16)  # most numbers of a path are small and occur often
@@ -133,7 +131,7 @@ def opacity_of(kind: str, alpha: int) -> dict[str, str]:
     """Return the attribute of an opacity in 0..255 of a "fill", "stroke" or "stop", empty if it is opaque."""
     if alpha == OPAQUE:
         return {}
-    return {f"{kind}-opacity": format_number(round(alpha * 10**_DECIMALS / OPAQUE), _DECIMALS)}
+    return {f"{kind}-opacity": format_number(round(alpha * 10**OPACITY_DECIMALS / OPAQUE), OPACITY_DECIMALS)}
 
 
 class GradientElements:
@@ -172,10 +170,11 @@ def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
             # The transform maps the unit circle to the ellipse.
             places = {"cx": "0", "cy": "0", "r": "1"}
             if focus is not None:
-                places |= zip(("fx", "fy"), (number(place, _DECIMALS) for place in gradient.frame()[:, 3]), strict=True)
+                fx, fy = (number(place, OPACITY_DECIMALS) for place in gradient.frame()[:, 3])
+                places |= {"fx": fx, "fy": fy}
             places["gradientTransform"] = f"matrix({' '.join(map(number, gradient.matrix().T.ravel()))})"
     element = ElementTree.Element(tag, {**places, "gradientUnits": "userSpaceOnUse"})
     for stop in gradient.stops:
-        attributes = {"offset": number(stop.offset, _DECIMALS), "stop-color": short_colour(*stop.colour[:3])}
+        attributes = {"offset": number(stop.offset, OPACITY_DECIMALS), "stop-color": short_colour(*stop.colour[:3])}
         ElementTree.SubElement(element, "stop", attributes | opacity_of("stop", stop.colour[3]))
     return element

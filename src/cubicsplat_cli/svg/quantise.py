@@ -17,13 +17,11 @@ from cubicsplat_cli.scene import Scene, pack_rings, ring_slices
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, parameter, radial_of_frame
 from cubicsplat_cli.settings import PRECISION, Mode, width_decimals
-from cubicsplat_cli.svg.values import levels_of
+from cubicsplat_cli.svg.values import OPACITY_DECIMALS, OPAQUE, levels_of
 
-OPACITY_DECIMALS = 3  # and of the offsets of stops
 # Renderers store coordinates as 24.8 fixed point (cairo) or float32; no canvas is nearly this large.
 MAX_COORDINATE = 4.0e6
 _POWERS = 10 ** np.arange(1, 19, dtype=np.int64)
-_OPAQUE = 255
 # px: longer lines or axes look like one colour, and cairo's numbers end not far beyond.
 _LONGEST = 16_000.0
 
@@ -180,9 +178,9 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.n
         if gradient is None or len({stop.colour for stop in gradient.stops}) == 1:
             continue
         if alike:
-            gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.colour[:3], _OPAQUE)) for s in gradient.stops))
+            gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.colour[:3], OPAQUE)) for s in gradient.stops))
         paints[curve] = gradient
-        colours[curve] = np.array(mean_fill(gradient)[:3]) / _OPAQUE
+        colours[curve] = np.array(mean_fill(gradient)[:3]) / OPAQUE
     return paints, colours, opacities
 
 
@@ -193,7 +191,7 @@ def _in_px(given: Gradients, curve: int, middle: np.ndarray, step: float, opacit
     """
     count = int(given.counts[curve])
     offsets = given.offsets[curve, :count].round(OPACITY_DECIMALS).tolist()
-    fills = np.rint(given.stops[curve, :count] * [1.0, 1.0, 1.0, opacity] * _OPAQUE).astype(int).tolist()
+    fills = np.rint(given.stops[curve, :count] * [1.0, 1.0, 1.0, opacity] * OPAQUE).astype(int).tolist()
     stops = tuple(Stop(offset, (r, g, b, alpha)) for offset, (r, g, b, alpha) in zip(offsets, fills, strict=True))
     frame = given.frames[curve]
     return _linear(frame, middle, step, stops) if given.kinds[curve] == LINEAR else _radial(frame, step, stops)

@@ -19,7 +19,8 @@ from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.scene.shapes import lengths, nearest_shape
 from cubicsplat_cli.settings import ANY, Mode, width_decimals
 from cubicsplat_cli.svg.markup import GradientElements, add_head, document, format_number, gradient_element, joined
-from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, gradient_decimals, to_grid
+from cubicsplat_cli.svg.quantise import GridScene, gradient_decimals, to_grid
+from cubicsplat_cli.svg.values import OPACITY_DECIMALS
 
 BACKGROUND_ID, CURVES_ID, UNITS_ID = "background", "curves", "units"
 # Bytes of a path besides its data: tag, colour and width; and its opacity, unless the group says it for all.

@@ -14,8 +14,8 @@ from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import Identifiers, format_number, joined, short_colour
-from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
-from cubicsplat_cli.svg.values import uri_of
+from cubicsplat_cli.svg.quantise import to_grid
+from cubicsplat_cli.svg.values import OPACITY_DECIMALS, uri_of
 
 # Transforms of whole numbers to px, by steps per px. The square root of a curve's area has at least STEPS_OF_SIZE
 # steps: rounding to a twentieth adds 2 % to the error of soft shading and saves 12 % of its bytes.

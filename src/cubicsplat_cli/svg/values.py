@@ -27,6 +27,7 @@ MOST_PIXELS = 2**26  # of one picture
 # A renderer may mistake a JPEG that holds the last of these for an SVG.
 _PNG, _JPEG, _NO_JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"<svg"
 _URI = re.compile(r"data:image/(png|jpeg);base64,([A-Za-z0-9+/]+={0,2})")
+OPAQUE, OPACITY_DECIMALS = 255, 3  # of 8 bits; of opacities, and of the offsets of stops, in files
 Rgba = tuple[float, float, float, float]  # sRGB and opacity, each in [0, 1]
 
 
