@@ -265,7 +265,7 @@ class CudaEngine(Engine):
         return self._allocate("the picture", math.prod(size), torch.float32).view(size)
 
     def _training_values(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepValues:
-        values = step_values(scene, settings, self.device, training, self._number)
+        values = step_values(scene, settings, self.device, training)
         rates = training.rates
         values.rates = (ctypes.c_float * 9)(*rates.sizes, *rates.keep, rates.epsilon)  # as `AdanRates` in curve.h
         names = ("points_gradient", "rate_scale")

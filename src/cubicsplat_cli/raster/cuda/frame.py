@@ -159,15 +159,13 @@ def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> 
         setattr(structure, name, address)
 
 
-def step_values(
-    scene: EngineScene, settings: RasterSettings, device: torch.device, given: Pass, number: int = 0
-) -> StepValues:
+def step_values(scene: EngineScene, settings: RasterSettings, device: torch.device, given: Pass) -> StepValues:
     """Return the values of a pass, but the loss and what only training has. Raises EngineError for unfit tensors."""
     filled = {"image": given.image} | {name: given.out.get(name) for name in ("importance", "background")}
     addresses = scene.addresses(device, filled)
     return StepValues(
         edge_width=settings.edge_width, tolerance=settings.tolerance,
         background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[given.importance],
-        number=number, penalty=(c_float * 3)(*given.penalty), image=addresses["image"],
+        penalty=(c_float * 3)(*given.penalty), image=addresses["image"],
         importance=addresses["importance"], background_gradient=addresses["background"],
     )  # fmt: skip
