@@ -11,6 +11,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring, thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
 from cubicsplat_cli.svg.drawing_paths import PathText, add_pieces
 from cubicsplat_cli.svg.markup import comment_text
@@ -91,8 +92,7 @@ def _element(shape: PaintedShape, lines: list[Subpath], precision: int) -> Eleme
 
 def _add_paint(path: Element, name: str, paint: Paint | None) -> None:
     if isinstance(paint, tuple):
-        red, green, blue = (round(255.0 * part) for part in paint[:3])
-        path.set(f"android:{name}Color", f"#{red:02X}{green:02X}{blue:02X}")
+        path.set(f"android:{name}Color", hex_text(round(255.0 * part) for part in paint[:3]).upper())
         if paint[3] < 1.0:
             path.set(f"android:{name}Alpha", _number(paint[3]))
     elif paint is not None:
@@ -108,8 +108,8 @@ def _gradient(gradient: Gradient) -> Element:
     kind = "linear" if isinstance(gradient, LinearGradient) else "radial"
     element = Element("gradient", _named({"type": kind, **{name: _number(value) for name, value in places.items()}}))
     for stop in gradient.stops:
-        red, green, blue, alpha = stop.colour
-        values = {"offset": _number(stop.offset), "color": f"#{alpha:02X}{red:02X}{green:02X}{blue:02X}"}
+        *colour, alpha = stop.colour
+        values = {"offset": _number(stop.offset), "color": hex_text((alpha, *colour)).upper()}
         ElementTree.SubElement(element, "item", _named(values))
     return element
 

@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.progress import nothing, work
 from cubicsplat_cli.raster.cpu import CpuEngine, FrameSteps, NativeTrack
 from cubicsplat_cli.raster.engine import EngineScene
-from cubicsplat_cli.raster.native import address_of, native
+from cubicsplat_cli.raster.native import address_of, floats, native
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
@@ -102,10 +102,10 @@ class Tracks:
             "colours": np.stack([scene.colours for scene in scenes]),
             "opacities": np.stack([scene.opacities for scene in scenes])[..., None],
         }
-        by_name = {}
-        for name, each in values.items():
-            knots, still = np.ones((frames, curves), bool), np.zeros(curves, bool)
-            by_name[name] = KnotTrack(np.ascontiguousarray(each, np.float32), knots, still)
+        by_name = {
+            name: KnotTrack(floats(each), np.ones((frames, curves), bool), np.zeros(curves, bool))
+            for name, each in values.items()
+        }
         return cls(scenes[0], times, end, by_name)
 
     @property
@@ -126,10 +126,10 @@ class Tracks:
 
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
         """The same with the values of knots as a file has them."""
-        by_name = {}
-        for name, track in self.by_name.items():
-            steps = grid[name]
-            by_name[name] = replace(track, values=(np.rint(track.values / steps) * steps).astype(np.float32))
+        by_name = {
+            name: replace(track, values=(np.rint(track.values / grid[name]) * grid[name]).astype(np.float32))
+            for name, track in self.by_name.items()
+        }
         return replace(self, by_name=by_name)
 
 
@@ -147,9 +147,8 @@ def engine_scene(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:
     shapes = values["shapes"]
     points = shapes[:, :-1].reshape(len(shapes), -1, 2) + values["offsets"][:, None]
     return EngineScene(
-        scene.mode, scene.width, scene.height, np.ascontiguousarray(points, np.float32),
-        np.ascontiguousarray(values["colours"]), np.ascontiguousarray(values["opacities"][:, 0]),
-        np.ascontiguousarray(shapes[:, -1]), scene.background, scene.ring_ends,
+        scene.mode, scene.width, scene.height, floats(points), floats(values["colours"]),
+        floats(values["opacities"][:, 0]), floats(shapes[:, -1]), scene.background, scene.ring_ends,
     )  # fmt: skip
 
 
