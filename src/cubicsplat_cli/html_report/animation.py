@@ -72,7 +72,7 @@ def record_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: 
 
 def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: str) -> bytes:
     """Return the HTML file. svg: the text of the animation. frames: of the clip, as many as the report has."""
-    levels, seconds = report.quality.frames, report.input.seconds
+    levels = report.quality.frames
     every = -(-len(levels) // MOST_PICTURES)
     pictures, begins = [], []
     for index, frame in zip(range(len(levels)), frames, strict=False):
@@ -90,17 +90,12 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
         "player.html",
         mark=made_mark(report.output.sha256),
         title=title,
-        clip_name=report.input.path,
-        width=report.input.width,
-        height=report.input.height,
+        report=report,
         markup=svg[svg.index("<svg") :],
-        duration=seconds,
-        data={"duration": seconds, "pictures": pictures, "frames": shown},
+        data={"duration": report.input.seconds, "pictures": pictures, "frames": shown},
         facts=_facts(report),
         charts=charts,
         settings=setting_texts(report.settings),
-        notes=report.notes,
-        version=report.version,
     )
 
 

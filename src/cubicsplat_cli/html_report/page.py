@@ -62,31 +62,24 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         shown = None if own is not None else uri_of(subject.candidate, "image/svg+xml")
     else:
         shown = picture_url(subject.raster, subject.candidate)
-    # Of the run that made the SVG.
-    made: dict[str, Any] = dict.fromkeys(("command", "settings", "device", "reason", "style", "inks"))
-    if report is not None:
-        made |= {
-            "command": command(report), "settings": setting_texts(report.settings), "device": report.device,
-            "reason": report.style_reason, "style": report.style, "inks": report.inks, "version": report.version,
-        }  # fmt: skip
     return rendered(
         "page.html",
         mark=made_mark(subject.sha256),
         title=subject.name,
-        picture_name=picture.source,
-        width=picture.width,
-        height=picture.height,
+        picture=picture,
         picture_url=picture_url(picture, subject.data),
-        markup=None if own is None else own.markup,
+        own=own,
         candidate_url=shown,
         is_svg=subject.raster is None,
         kind=kind,
         data={"width": picture.width, "height": picture.height, "kind": kind, "losses": losses},
-        facts=_facts(subject, kind, own),
+        facts=_facts(subject, own),
         charts=_charts(report, losses, kind),
         times=[] if report is None else _times(report),
         notes=[*(() if report is None else report.notes), *subject.notes],
-        **made,
+        report=report,
+        command=report and command(report),
+        settings=report and setting_texts(report.settings),
     )
 
 
@@ -98,7 +91,7 @@ def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, th
     return page(Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes), threads)
 
 
-def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
+def _facts(subject: Subject, own: Shown | None) -> list[Fact]:
     """Return the figures at the top of the page."""
     quality, report = subject.quality, subject.report
     facts: list[Fact] = []
@@ -112,7 +105,7 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
         count = own.count if report is None else report.count()
         if own.losses_db and count != len(own.losses_db):
             about.insert(0, f"in {counted(len(own.losses_db), 'element')}")
-        facts.append((f"{kind}s", f"{count:,}", ", ".join(about)))
+        facts.append((f"{own.kind}s", f"{count:,}", ", ".join(about)))
     if report is not None and report.shaded:
         facts.append(("shaded", counted(len(report.shaded), "object"), ", ".join(report.shaded)))
     facts.append(("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
@@ -229,7 +222,7 @@ def course(title: str, about: str, seconds: Sequence[float], values: Sequence[fl
 
     line = "M" + "L".join(f"{x(s):.1f} {y(v):.1f}" for s, v in zip(seconds, values, strict=True))
     marks = [(x(s), f"{s:g}") for s in across], [(y(v), f"{v:g}") for v in up]
-    return Chart(title, about, "seconds", *marks, line=line, last=f"{values[-1]:.{decimals}f}")
+    return Chart(title, about, "s", *marks, line=line, last=f"{values[-1]:.{decimals}f}")
 
 
 def histogram(title: str, about: str, values: Sequence[float]) -> Chart:
