@@ -141,10 +141,9 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor, names: Sequenc
     return Truth(image.detach(), float(loss.detach()), gradients)
 
 
-def packed(scene: Scene | EngineScene, device: torch.device | str = "cpu") -> EngineScene:
+def packed(scene: Scene, device: torch.device | str = "cpu") -> EngineScene:
     """A copy of a scene's tensors on a device."""
-    tensors = scene_arrays(scene) if isinstance(scene, Scene) else scene
-    return tensors.changed(lambda t: t.to(device, copy=True))
+    return scene_arrays(scene).changed(lambda t: torch.from_numpy(t).to(device, copy=True))
 
 
 def state_for(scene: EngineScene) -> OptimiserState:

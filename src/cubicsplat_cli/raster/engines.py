@@ -100,15 +100,12 @@ def shared_engine(device: torch.device) -> Engine:
 
 
 def scene_arrays(scene: Scene) -> EngineScene:
-    """Return a scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
+    """Return a scene as the CPU engine takes it: float32, contiguous, detached, in numpy arrays."""
 
     def plain(array: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(array, np.int32 if array.dtype == np.int32 else np.float32)
 
-    given = scene.as_numpy().changed(plain)
-    if not isinstance(scene.points, np.ndarray):
-        given = given.as_torch()
-    return EngineScene(**vars(given))
+    return EngineScene(**vars(scene.as_numpy().changed(plain)))
 
 
 def render_scene(
@@ -121,7 +118,7 @@ def render_scene(
     """
     scene.validate()
     with closing(CpuEngine(threads)) as engine:
-        return engine.render(scene_arrays(scene.as_numpy()), RasterSettings(coverage, edge_width, samples, FLATNESS))
+        return engine.render(scene_arrays(scene), RasterSettings(coverage, edge_width, samples, FLATNESS))
 
 
 def leave_one_out_importance(
@@ -133,7 +130,7 @@ def leave_one_out_importance(
     goal = with_channels(np.ascontiguousarray(target, dtype=np.float32), scene.channels)
     with closing(CpuEngine(threads)) as engine:
         loss, found = engine.gradients(
-            scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples, FLATNESS), target=goal,
+            scene_arrays(scene), RasterSettings("exact", 1.0, samples, FLATNESS), target=goal,
             importance="loo", weights=None if weights is None else np.ascontiguousarray(weights),
         )  # fmt: skip
         return loss, found["importance"]
