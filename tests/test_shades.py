@@ -55,8 +55,8 @@ def defined(frame: np.ndarray, radial: bool, x: np.ndarray, y: np.ndarray) -> np
 def test_colours_follow_straight_lines_between_stops(frame, radial):
     x, y = places()
     truth = defined(frame, radial, x, y)
-    assert colours_at(frame, radial, KNOTS, COLOURS, x, y) == pytest.approx(truth, abs=1e-9)
-    assert colours_off(frame, radial, KNOTS, COLOURS, Pixels(x, y, truth + 3.0)) == pytest.approx(-3.0)
+    assert colours_at((frame, radial, KNOTS, COLOURS), x, y) == pytest.approx(truth, abs=1e-9)
+    assert colours_off((frame, radial, KNOTS, COLOURS), Pixels(x, y, truth + 3.0)) == pytest.approx(-3.0)
 
 
 @pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True), (FOCAL, True)])
@@ -78,7 +78,7 @@ def test_a_fit_goes_back_to_an_ellipse_that_was_moved(truth, parameters):
     lean = 0.02 if parameters == 7 else 0.0
     began = truth + np.array([[0.0001, -0.0001, 0.006, lean], [0.0001, 0.0001, -0.004, lean]])
     frame, knots, colours = fitted(began, parameters, KNOTS + np.array([0.0, 0.005, 0.0]), COLOURS, pixels)
-    assert np.abs(colours_off(frame, True, knots, colours, pixels)).max() < 0.5
+    assert np.abs(colours_off((frame, True, knots, colours), pixels)).max() < 0.5
     middle = np.linalg.solve(frame[:, :2], -frame[:, 2])
     assert middle == pytest.approx(np.linalg.solve(truth[:, :2], -truth[:, 2]), abs=0.1)
     assert frame[:, 3] == pytest.approx(truth[:, 3], abs=0.01)
@@ -168,11 +168,11 @@ def test_misfits_of_groups_and_the_reach_of_pixels(frame, radial):
     off = defined(frame, radial, x, y) - pixels.values
     sums = [((part @ space) ** 2).sum() for part in np.split(off, [7, 500])]
     ends = np.array([7, 500, len(x)])
-    assert misfits(frame, radial, KNOTS, COLOURS, pixels, ends, space) == pytest.approx(np.array(sums))
+    assert misfits((frame, radial, KNOTS, COLOURS), pixels, ends, space) == pytest.approx(np.array(sums))
     first, second = frame[:, :3] @ np.stack([x, y, np.ones_like(x)])
     t = np.hypot(first, second) + frame[0, 3] * first + frame[1, 3] * second if radial else first
     middle, beyond = np.median(t), []
-    (least, most), squares = reach(frame, radial, KNOTS - KNOTS[1] + middle, COLOURS, pixels)
+    (least, most), squares = reach((frame, radial, KNOTS - KNOTS[1] + middle, COLOURS), pixels)
     assert (least, most) == pytest.approx((t.min(), t.max()))
     for end, beside, there in ((0, 1, t < KNOTS[0] - KNOTS[1] + middle), (2, 1, t > KNOTS[2] - KNOTS[1] + middle)):
         slope, at = (COLOURS[end] - COLOURS[beside]) / (KNOTS[end] - KNOTS[beside]), KNOTS[end] - KNOTS[1] + middle

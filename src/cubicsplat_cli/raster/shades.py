@@ -24,6 +24,7 @@ import numpy as np
 from cubicsplat_cli.raster.native import Out, bools, doubles, floats, int32s, int64s, native
 from cubicsplat_cli.record import record
 
+GradientArrays = tuple[np.ndarray, bool, np.ndarray, np.ndarray]  # frame, whether it is radial, knots, colours
 ON_EDGE, IN_LARGE = 1, 2  # kinds of pixels: on an edge, and in a large part of one colour
 
 _native, _shadows = partial(native, "gradients"), partial(native, "shadows")
@@ -46,37 +47,28 @@ class Pixels(NamedTuple):
         return len(self.x), doubles(self.x), doubles(self.y), doubles(self.values)
 
 
-def colours_at(
-    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, x: np.ndarray, y: np.ndarray
-) -> np.ndarray:
+def colours_at(gradient: GradientArrays, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the colours (n, 4) of a gradient at places x, y (n,)."""
-    given = len(x), doubles(x), doubles(y), None, *_gradient(frame, radial, knots, colours)
+    given = len(x), doubles(x), doubles(y), None, *_given(gradient)
     return _native("cs_shaded", *given, Out((len(x), 4)), result=None)
 
 
-def colours_off(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels) -> np.ndarray:
+def colours_off(gradient: GradientArrays, pixels: Pixels) -> np.ndarray:
     """Return the colours (n, 4) of a gradient at pixels less those of the pixels."""
-    given = *pixels.given, *_gradient(frame, radial, knots, colours)
-    return _native("cs_shaded", *given, Out((len(pixels.x), 4)), result=None)
+    return _native("cs_shaded", *pixels.given, *_given(gradient), Out((len(pixels.x), 4)), result=None)
 
 
-def misfits(
-    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels, ends: np.ndarray,
-    space: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+def misfits(gradient: GradientArrays, pixels: Pixels, ends: np.ndarray, space: np.ndarray) -> np.ndarray:
     """Return the sums (g,) of the squares of the colours of a gradient less those of groups of pixels, of which each
     ends at ends (g,) int64, in a space: rows of RGBA times a matrix (4, 4)."""
-    given = *pixels.given, *_gradient(frame, radial, knots, colours)
-    return _native("cs_shade_misfits", *given, doubles(space), len(ends), int64s(ends), Out(len(ends)), result=None)
+    groups = doubles(space), len(ends), int64s(ends)
+    return _native("cs_shade_misfits", *pixels.given, *_given(gradient), *groups, Out(len(ends)), result=None)
 
 
-def reach(
-    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels
-) -> tuple[np.ndarray, np.ndarray]:
+def reach(gradient: GradientArrays, pixels: Pixels) -> tuple[np.ndarray, np.ndarray]:
     """Return (2,) the least and greatest t of pixels; and (2, 2) for the first stop and the last one the sums of the
     squared differences of the pixels beyond it from its colour, and from the ramp carried on."""
-    given = *pixels.given, *_gradient(frame, radial, knots, colours)
-    return _native("cs_shade_reach", *given, Out(2), Out((2, 2)), result=None)
+    return _native("cs_shade_reach", *pixels.given, *_given(gradient), Out(2), Out((2, 2)), result=None)
 
 
 def best_colours(frame: np.ndarray, radial: bool, knots: np.ndarray, pixels: Pixels) -> np.ndarray:
@@ -123,31 +115,26 @@ def slopes(pixels: Pixels, size: int, fewest: int) -> tuple[np.ndarray, np.ndarr
 
 
 def grown(
-    levels: np.ndarray,
-    kinds: np.ndarray,
-    gradient: tuple[np.ndarray, bool, np.ndarray, np.ndarray],
-    inside: np.ndarray,
-    off: float,
-    edges: tuple[float, float, np.ndarray, np.ndarray],
-    *,
-    on: bool,
-) -> np.ndarray:
+    levels: np.ndarray, kinds: np.ndarray, gradient: GradientArrays, inside: np.ndarray, off: float,
+    edges: tuple[float, float, np.ndarray, np.ndarray], *, on: bool,
+) -> np.ndarray:  # fmt: skip
     """Grow an area, inside (H, W) bool, in place and return it: by connected pixels of a picture (H, W, 4) within 5 px
     that a gradient explains. on: again and again as long as it grows, but into pixels IN_LARGE only the first time.
 
-    kinds: (H, W) uint8, ON_EDGE, IN_LARGE or 0. gradient: frame, radial, knots and colours. off: levels by which a
-    channel may differ. edges: how pixels ON_EDGE may differ too: the most levels in a space, the most of the mean of
-    such pixels in a window of 5 px in another one, and the matrices (4, 4) that take rows of RGBA to these spaces.
+    kinds: (H, W) uint8, ON_EDGE, IN_LARGE or 0. off: levels by which a channel may differ. edges: how pixels ON_EDGE
+    may differ too: the most levels in a space, the most of the mean of such pixels in a window of 5 px in another one,
+    and the matrices (4, 4) that take rows of RGBA to these spaces.
     """
     unlike, mean, space, means = edges
-    given = *kinds.shape, floats(levels), kinds, *_gradient(*gradient)
+    given = *kinds.shape, floats(levels), kinds, *_given(gradient)
     tolerance = float(off), float(unlike), float(mean), doubles(space), doubles(means)
     _native("cs_grow_shade", *given, *tolerance, on, inside)
     return inside
 
 
-def _gradient(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray) -> tuple[Any, ...]:
+def _given(gradient: GradientArrays) -> tuple[Any, ...]:
     """Return a gradient as the library takes it."""
+    frame, radial, knots, colours = gradient
     return _map(frame), radial, len(knots), doubles(knots), doubles(colours)
 
 

@@ -92,7 +92,7 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
 def _errors(shade: Shade, bands: list[_Bands], pixels: Pixels, condition: Condition) -> np.ndarray:
     """Return the squared errors (n,) that a gradient leaves of bands. pixels: of all of them."""
     ends = np.cumsum([each.patch.size for each in bands])
-    return misfits(*shade.extended().given, pixels, ends, seen_as(condition))
+    return misfits(shade.extended().given, pixels, ends, seen_as(condition))
 
 
 def _joined(bands: list[_Bands]) -> Pixels:

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import Patch, joined
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN, eight_bit
 from cubicsplat_cli.artwork.shapes import PRICE
-from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
+from cubicsplat_cli.raster.shades import GradientArrays, Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, laid_over, parameter, radial_of_frame
 
@@ -72,13 +72,13 @@ class Shade:
         return turn.T @ (u / np.maximum(np.hypot(*u), 1e-9) + lean)
 
     @property
-    def given(self) -> tuple[np.ndarray, bool, np.ndarray, np.ndarray]:
+    def given(self) -> GradientArrays:
         """Its frame, radial, knots and colours, as `raster.shades` takes them."""
         return self.frame, self.radial, self.ramp.knots, self.ramp.colours
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return premultiplied levels (n, 4) at places in px."""
-        return colours_at(*self.given, x, y)
+        return colours_at(self.given, x, y)
 
     def off(self, pixels: Pixels) -> np.ndarray:
         """Return levels (n,) by which the worst channel of each pixel differs."""
@@ -96,7 +96,7 @@ class Shade:
 
     def residuals(self, pixels: Pixels) -> np.ndarray:
         """Return the colours (n, 4) of the shade less those of pixels, in levels."""
-        return colours_off(*self.given, pixels)
+        return colours_off(self.given, pixels)
 
     def stopped(self, knots: np.ndarray, pixels: Pixels) -> Shade:
         """Return the shade with stops at these knots, in the colours nearest to pixels."""

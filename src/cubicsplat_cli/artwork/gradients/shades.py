@@ -132,7 +132,7 @@ def reaching(shade: Shade, pixels: Pixels) -> Shade:
     """Return the shade with its ramp carried on to where all pixels end, and a pixel farther, where edges blend, unless
     the pixels beyond a stop show that the ramp ends there."""
     knots, colours = shade.ramp.knots.copy(), shade.ramp.colours.copy()
-    (least, most), squares = reach(*shade.given, pixels)
+    (least, most), squares = reach(shade.given, pixels)
     margin = float(np.hypot(*shade.frame[0, :2]))
     goes_on = [False, False]
     for end, beside in ((0, 1), (-1, -2)):
