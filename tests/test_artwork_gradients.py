@@ -116,8 +116,7 @@ def test_a_gradient_goes_on_into_tips_that_are_too_thin_to_be_seen_as_even():
 def test_pieces_that_are_too_small_to_show_a_gradient_follow_that_of_a_larger_part():
     pieces = "".join(f'<rect x="236" y="{y}" width="7" height="9" fill="url(#a)"/>' for y in range(20, 164, 16))
     levels = as_levels(picture(ROUND.format(TWO).replace("110", "200") + GROUND + BLOB + pieces))
-    parts, count = smooth_parts(levels)
-    areas = gradient_areas(levels, parts, count)
+    areas = gradient_areas(smooth_parts(levels))
     assert len({area.shade for area in areas}) == 1 and len(areas) == 10
     small = [area.patch for area in areas if area.patch.size < 64]
     assert len(small) == 9 and all(236 <= patch.left < 243 for patch in small)
@@ -127,9 +126,9 @@ def test_pixels_along_an_edge_of_little_contrast_are_no_tips():
     near = '<rect width="256" height="192" fill="#cb2831"/>'
     stops = '<stop stop-color="#d0202c"/><stop offset="1" stop-color="#b8202c"/>'
     levels = as_levels(picture(LINEAR.format(stops) + near + BLOB))
-    parts, count = smooth_parts(levels)
-    areas = gradient_areas(levels, parts, count)
-    sizes = [[area.patch.size for area in each] for each in (areas, with_tips(levels, parts, areas))]
+    parts = smooth_parts(levels)
+    areas = gradient_areas(parts)
+    sizes = [[area.patch.size for area in each] for each in (areas, with_tips(parts, areas))]
     assert sizes[0] == sizes[1] and len(areas) == 1
 
 
@@ -229,7 +228,7 @@ def test_a_glow_that_fades_into_the_ground_is_part_of_it():
 def test_flat_drawings_have_no_gradients_and_are_left_as_they_are():
     body = GROUND + '<circle cx="120" cy="80" r="60" fill="#e04040"/><path d="M0 150 256 90v9L0 160z" fill="#e8e8e8"/>'
     levels = as_levels(picture(body))
-    assert gradient_areas(levels, *smooth_parts(levels)) == []
+    assert gradient_areas(smooth_parts(levels)) == []
 
 
 @pytest.mark.slow
@@ -263,8 +262,7 @@ def test_a_search_ends_where_nothing_is_a_gradient():
     waves = np.cumsum(np.random.default_rng(0).normal(size=(2, 160, 200)), axis=2).cumsum(axis=1)
     smooth = ndimage.gaussian_filter(waves, (0, 12, 12))
     levels = as_levels(np.stack([*smooth, smooth[0]], axis=-1) / np.abs(smooth).max())
-    parts, count = smooth_parts(levels)
-    assert len(gradient_areas(levels, parts, count, tries=1)) <= 1
+    assert len(gradient_areas(smooth_parts(levels), tries=1)) <= 1
 
 
 def test_of_two_gradients_of_a_place_the_one_that_explains_more_is_kept():
@@ -301,7 +299,7 @@ def test_a_gradient_with_a_light_on_it_and_little_that_is_even_is_one():
     colours = np.array([220.0, 94.0, 0.0]) * (1.0 - far) + np.array([228.0, 142.0, 23.0]) * far
     light = 0.5 * np.clip(1.0 - np.hypot((x - 55.0) / 35.0, (y - 70.0) / 45.0), 0.0, 1.0)[..., None]
     levels = np.rint(np.concatenate([colours + light * (255.0 - colours), np.full((200, 200, 1), 255.0)], axis=2))
-    areas = gradient_areas(levels.astype(np.float32), *smooth_parts(levels.astype(np.float32)))
+    areas = gradient_areas(smooth_parts(levels.astype(np.float32)))
     assert max((area.patch.size for area in areas), default=0) > 20_000
 
 
@@ -425,5 +423,4 @@ def test_a_colour_is_found_where_the_lines_to_it_meet():
 
 def test_a_photo_has_no_layers():
     photo = as_levels(astronaut()[:256, :256] / 255.0)
-    parts, count = smooth_parts(photo)
-    assert not [area for area in with_layers(photo, parts, count, []) if area.over]
+    assert not [area for area in with_layers(smooth_parts(photo), []) if area.over]

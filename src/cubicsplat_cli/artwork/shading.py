@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_placeholders
 from cubicsplat_cli.artwork.gradients.noisy import roughness
-from cubicsplat_cli.artwork.gradients.parts import part_of, smooth_parts, uneven_parts
+from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Ramp, Shade, gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -27,7 +27,7 @@ from cubicsplat_cli.artwork.shadows.noisy import BLUR, SOFT_BEND
 from cubicsplat_cli.artwork.shadows.soft import inwards
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_paints, part_spreads
+from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_paints
 from cubicsplat_cli.raster.unmix import STRANGE
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
@@ -194,18 +194,18 @@ def surfaces_of(levels: np.ndarray, condition: Condition) -> list[Surface]:
     rough = 1.0 if condition.clean else roughness(condition)
     if not condition.clean:
         levels = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    parts, count = smooth_parts(levels) if condition.clean else smooth_parts(levels, SOFT_BEND, np.inf)
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    parts = smooth_parts(levels) if condition.clean else smooth_parts(levels, SOFT_BEND, np.inf)
+    numbers, (sizes, *_) = parts.numbers, parts.measured
     out, free = list[Surface](), levels[..., 3] >= OPAQUE
-    for number in uneven_parts(sizes, spreads, math.ceil(LEAST_SURFACE * parts.size), LEAST_STEP):
-        part = part_of(levels, parts, number, boxes)
-        mask = (parts == number) & free
+    for number in parts.uneven(math.ceil(LEAST_SURFACE * numbers.size), LEAST_STEP):
+        part = parts.part(number)
+        mask = (numbers == number) & free
         if mask.sum() < sizes[number - 1] or (shade_of(part.pixels).off(part.pixels) <= CLOSE * rough).mean() >= 0.5:
             continue
         # Letters have holes, in which it goes on.
         off = largest(np.abs(inwards(levels, mask) - levels))
-        means = np.bincount(parts.ravel(), off.ravel(), count + 1) / np.append(np.inf, sizes)
-        mask |= (means <= LEAST_STEP)[parts] & (parts > 0) & free
+        means = np.bincount(numbers.ravel(), off.ravel(), parts.count + 1) / np.append(np.inf, sizes)
+        mask |= (means <= LEAST_STEP)[numbers] & (numbers > 0) & free
         if not condition.clean:
             mask = ndimage.binary_erosion(mask, ndimage.SQUARE, iterations=RINGING, border_value=1)
         colours = inwards(levels, mask)
@@ -221,7 +221,7 @@ def without_surfaces(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a picture (H, W, 4) in levels, of a condition, with placeholders for its surfaces, and these (n, 4)."""
     if condition.clean:
-        parts, line = smooth_parts(levels)[0], SEEN
+        parts, line = smooth_parts(levels).numbers, SEEN
     else:
         parts, line = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_AREA)[0], STRANGE
     means = [np.rint(levels[surface.mask].mean(axis=0)) for surface in surfaces]

@@ -11,22 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.parts import (
-    LEAST_AREA,
-    RING,
-    Part,
-    Patch,
-    joined,
-    joined_pixels,
-    part_of,
-    uneven_parts,
-)
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, RING, Part, Parts, Patch, joined, joined_pixels
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
 from cubicsplat_cli.artwork.regions.fills import APART, CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, part_spreads
+from cubicsplat_cli.raster.shades import Pixels
 
 EXPLAINED = 0.95  # share of an area's pixels that one gradient must explain
 MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second each
@@ -38,14 +29,11 @@ RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
 
-def gradient_areas(
-    levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES, most: int = MOST_TRIES
-) -> list[ShadedArea]:
-    """Return the gradients of a picture (H, W, 4), premultiplied levels, the largest first. A picture of more than
-    `most` uneven parts is a photo or a texture, and has none. After `tries` searches the rest stays as it is. Both are
-    logged unless the caller chose the bound."""
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
-    uneven = uneven_parts(sizes, spreads, LEAST_AREA, FLAT_RANGE)
+def gradient_areas(parts: Parts, tries: int = MOST_TRIES, most: int = MOST_TRIES) -> list[ShadedArea]:
+    """Return the gradients of a picture, by its even parts, the largest first. A picture of more than `most` uneven
+    ones is a photo or a texture, and has none. After `tries` searches the rest stays as it is. Both are logged unless
+    the caller chose the bound."""
+    uneven = parts.uneven(LEAST_AREA, FLAT_RANGE)
     if len(uneven) > most:
         if most == MOST_TRIES:
             log.warning("%d areas of uneven colour are too many: they are drawn without gradients", len(uneven))
@@ -53,10 +41,10 @@ def gradient_areas(
     search = _Search([], tries)
     for number in uneven:
         work().at()
-        _explain(part_of(levels, parts, number, boxes), search, 0)
+        _explain(parts.part(number), search, 0)
     if search.left == 0 and tries == MOST_TRIES:
         log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
-    return _with_small_parts(levels, parts, boxes, spreads, _united(levels, parts, boxes, search.found))
+    return _with_small_parts(parts, _united(parts, search.found))
 
 
 @dataclass(eq=False)
@@ -157,15 +145,15 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
         _explain(piece, search, depth + 1)
 
 
-def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
+def _united(parts: Parts, found: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas, with one gradient for all that it explains, and with the parts in which they continue."""
-    groups, claimed = list[_Group](), covered(found, levels.shape)
+    groups, claimed = list[_Group](), covered(found, parts.numbers.shape)
     for area in found:
         if area.ground is None:
             work().at()
-            _unite(levels, area, groups)
+            _unite(parts.levels, area, groups)
     for group in groups:
-        _continue(levels, parts, boxes, claimed, group)
+        _continue(parts, claimed, group)
     fading = [area for area in found if area.ground is not None]
     return fading + [ShadedArea(group.shade, part.patch) for group in groups for part in group.members]
 
@@ -215,10 +203,11 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
     ]
 
 
-def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
+def with_tips(parts: Parts, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
-    thin to be seen as even. levels, parts: as of `gradient_areas`."""
-    free, out = (parts == 0) & ~covered(areas, parts.shape), [area for area in areas if area.ground is not None]
+    thin to be seen as even."""
+    levels, free = parts.levels, (parts.numbers == 0) & ~covered(areas, parts.numbers.shape)
+    out = [area for area in areas if area.ground is not None]
     for area in [*by_gradient(area for area in areas if area.plain), *(area for area in areas if area.over)]:
         patch = area.patch.padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():
@@ -244,33 +233,33 @@ def _goes_on(area: ShadedArea, pixels: Pixels) -> np.ndarray:
     return shade.explains(pixels) & (t >= first) & (t <= last)
 
 
-def _with_small_parts(
-    levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, spreads: np.ndarray, areas: list[ShadedArea]
-) -> list[ShadedArea]:
+def _with_small_parts(parts: Parts, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the uneven parts that are too small to show a gradient and follow one of theirs, as pieces
-    of thin stripes do. boxes, spreads: as of `part_spreads`. Others as of `gradient_areas`."""
+    of thin stripes do."""
     shades = list(dict.fromkeys(area.shade for area in areas if area.ground is None))
     if not shades:
         return areas
-    free, count = np.where(covered(areas, parts.shape), 0, parts), len(spreads) + 1
+    taken, count = covered(areas, parts.numbers.shape), parts.count + 1
+    free = np.where(taken, 0, parts.numbers)
     sizes = np.bincount(free.ravel(), minlength=count)
-    small = np.append(False, spreads > 0.0) & (sizes > 0) & (sizes < LEAST_AREA)
+    small = np.append(False, parts.measured[2] > 0.0) & (sizes > 0) & (sizes < LEAST_AREA)
     if not small.any():
         return areas
     patch = Patch(0, 0, small[free])
-    pixels, numbers = patch.pixels(levels), free[patch.mask]
+    pixels, numbers = patch.pixels(parts.levels), free[patch.mask]
     explained = [np.bincount(numbers, shade.extended().explains(pixels), count) for shade in shades]
     most, which = np.max(explained, axis=0), np.argmax(explained, axis=0)
     follow = np.flatnonzero(small & (most >= EXPLAINED * sizes)).tolist()
-    return areas + [ShadedArea(shades[which[k]], part_of(levels, free, k, boxes).patch) for k in follow]
+    return areas + [ShadedArea(shades[which[k]], parts.part(k, taken).patch) for k in follow]
 
 
-def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
-    """Add to a group the even parts beside it in which its ramp ends, and the pixels between that it explains."""
-    near = group.near
-    numbers, sizes = np.unique(parts[near.window][near.mask & ~claimed[near.window]], return_counts=True)
+def _continue(parts: Parts, claimed: np.ndarray, group: _Group) -> None:
+    """Add to a group the even parts beside it in which its ramp ends, and the pixels between that it explains. claimed:
+    (H, W) bool, the pixels that have a gradient."""
+    levels, near = parts.levels, group.near
+    numbers, sizes = np.unique(parts.numbers[near.window][near.mask & ~claimed[near.window]], return_counts=True)
     for number in numbers[(sizes >= CONTACT) & (numbers > 0)]:
-        part = part_of(levels, parts, number, boxes, claimed)
+        part = parts.part(number, claimed)
         touching = part.pixels.some(group.near.at(part.rows, part.columns))
         # The part begins about as the group ends. A stop where the ramp bends sharply looks like an edge.
         if len(part) < LEAST_AREA or np.median(group.shade.extended().off(touching)) > APART:
@@ -280,7 +269,7 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
             group.shade, group.members = shade, members
             group.near = joined([group.near, part.patch.grown(RING, levels.shape)])
             claimed[part.patch.window] |= part.patch.mask
-    between = near.mask & ~claimed[near.window] & (parts[near.window] == 0)
+    between = near.mask & ~claimed[near.window] & (parts.numbers[near.window] == 0)
     if len(group.members) < 2 or not between.any():
         return
     strip = Part(levels, Patch(near.top, near.left, between))

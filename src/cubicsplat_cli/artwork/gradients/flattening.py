@@ -69,11 +69,11 @@ def colours_of(gradients: Sequence[Gradient], x: np.ndarray, y: np.ndarray) -> n
 def flattened(levels: np.ndarray, *, layered: bool = False) -> Flattened:
     """Return a picture (H, W, 4), premultiplied levels, without its gradients; the same array if it has none. layered:
     areas may have several gradients, one above the other."""
-    parts, count = smooth_parts(levels)
-    areas = gradient_areas(levels, parts, count) if count else []
-    if layered and count:
-        areas = with_layers(levels, parts, count, areas)
-    return without_areas(levels, parts, with_tips(levels, parts, areas))
+    parts = smooth_parts(levels)
+    areas = gradient_areas(parts)
+    if layered:
+        areas = with_layers(parts, areas)
+    return without_areas(levels, parts.numbers, with_tips(parts, areas))
 
 
 def without_areas(

@@ -15,13 +15,13 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, MOST_TRIES, beside
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, part_of, uneven_parts
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, Parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Ramp, Shade, ShadedArea, covered, shown
 from cubicsplat_cli.artwork.gradients.shades import MOST_PIXELS, refitted, shade_of
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, OPAQUE, SEEN
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, part_spreads
+from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import laid_over
 
@@ -42,17 +42,14 @@ STEP, SLOPE = 0.01, 100.0  # px or levels, of derivatives; and px at which a slo
 Layers = tuple[Shade, ...]  # back to front; the first is opaque
 
 
-def with_layers(
-    levels: np.ndarray, parts: np.ndarray, count: int, areas: list[ShadedArea], most: int = MOST_TRIES
-) -> list[ShadedArea]:
+def with_layers(parts: Parts, areas: list[ShadedArea], most: int = MOST_TRIES) -> list[ShadedArea]:
     """Return the areas of a picture's gradients with areas of several gradients where these explain a part of the
-    picture that the others do not, or do not in fewer. areas: as of `gradient_areas`, like all others."""
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
-    if len(uneven_parts(sizes, spreads, LEAST_AREA, FLAT_RANGE)) > most:
+    picture that the others do not, or do not in fewer. parts, areas, most: as of `gradient_areas`."""
+    if len(parts.uneven(LEAST_AREA, FLAT_RANGE)) > most:
         return areas
-    found, taken, failed = list[ShadedArea](), covered(areas, parts.shape), 0
-    for number in uneven_parts(sizes, spreads, LARGE_AREA, FLAT_RANGE):
-        part = part_of(levels, parts, number, boxes)
+    found, taken, failed = list[ShadedArea](), covered(areas, parts.numbers.shape), 0
+    for number in parts.uneven(LARGE_AREA, FLAT_RANGE):
+        part = parts.part(number)
         if part.pixels.values[:, 3].min() < OPAQUE:
             continue
         fill, even = part.plateau()
@@ -68,21 +65,21 @@ def with_layers(
         if area is None or (area.off(part.pixels)[~even] <= ROUNDINGS * CLOSE).mean() < EXPLAINED:
             failed += 1
         elif area.over and not (explained and len(area.shades) > few):
-            found.append(_extended(levels, parts, part, area))
+            found.append(_extended(parts, part, area))
         if failed == MOST_FAILED:
             break
     if not found:
         return areas
-    left = ~covered(found, parts.shape)
+    left = ~covered(found, parts.numbers.shape)
     # Of an area in which the part was, a rim may be left.
     return [new for old in areas if 2 * (new := old.kept(left)).patch.size > old.patch.size] + found
 
 
-def _extended(levels: np.ndarray, parts: np.ndarray, part: Part, area: ShadedArea) -> ShadedArea:
+def _extended(parts: Parts, part: Part, area: ShadedArea) -> ShadedArea:
     """Return the area of a part in several gradients with the parts that these explain too and that explained pixels
     connect with it: rounding of several gradients, one after the other, cuts parts up."""
-    mask, numbers = part.within(area.off(part.pixels) <= SEEN).mask, parts[part.patch.window]
-    outside = Part(levels, replace(part.patch, mask=~part.patch.mask))
+    mask, numbers = part.within(area.off(part.pixels) <= SEEN).mask, parts.numbers[part.patch.window]
+    outside = Part(parts.levels, replace(part.patch, mask=~part.patch.mask))
     explained = outside.within(area.off(outside.pixels) <= ROUNDINGS * CLOSE).mask
     count = numbers.max() + 1
     sizes, most = (np.bincount(numbers[where], minlength=count) for where in (outside.patch.mask, explained))

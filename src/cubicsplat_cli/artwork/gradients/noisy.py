@@ -15,7 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, joined, patches_of, smooth_parts
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, Parts, joined, patches_of, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
@@ -76,7 +76,7 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     means, smooth = _planes(levels.astype(np.float64), condition)
     parts = ndimage.large_parts(ndimage.binary_opening(smooth, ndimage.SQUARE), LARGE_AREA)
     rough = roughness(condition)
-    found = gradient_areas(means / np.float32(rough), *parts)
+    found = gradient_areas(Parts(means / np.float32(rough), *parts))
     shades = {s: replace(s, ramp=Ramp(s.ramp.knots, s.ramp.colours * rough)) for s in {area.shade for area in found}}
     # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
     areas = [replace(area, shade=shades[area.shade], ground=None) for area in found]
@@ -178,11 +178,11 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
 
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     """Return a picture (H, W, 4), premultiplied levels, without its gradients. blur: standard deviation, px."""
-    parts, _ = smooth_parts(levels)
+    parts = smooth_parts(levels).numbers
     # The rims of even parts are the ends of blurred edges.
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)
-    found, edge = gradient_areas(levels, *ndimage.label(inner)), 2.0 * BLUR_REACH * blur
+    found, edge = gradient_areas(Parts(levels, *ndimage.label(inner))), 2.0 * BLUR_REACH * blur
     found = [area for area in found if not is_step(area.shade, edge)]
     areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
     free = (parts > 0) & ~covered(areas, parts.shape)

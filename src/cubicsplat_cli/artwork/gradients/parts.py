@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.regions.fills import CLEAR, EVEN, in_squares
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, trimmed_range
+from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, part_spreads, trimmed_range
 from cubicsplat_cli.record import record
 
 BEND = 2.6  # levels of a second difference that rounding makes
@@ -26,24 +27,25 @@ OUTER = 0.02  # share of a part's values at either end that does not count for i
 RING = 4  # px around a part in which its surroundings are examined
 
 
-def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tuple[np.ndarray, int]:
-    """Return (H, W) int32 numbers of the connected parts in which colours change evenly, 0 for edges; and the count.
-    Parts are 3 px wide, or else 2 where they are large enough for a gradient: rims and strokes of 6 px, of which edges
-    bend two on either side. bend: levels of a second difference that no edge has. A gradient may bend more by its slope
-    over `tip`, the least distance in px from the middle of its circles."""
+def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> Parts:
+    """Return the connected parts of a picture (H, W, 4), premultiplied levels, in which colours change evenly. They are
+    3 px wide, or else 2 where they are large enough for a gradient: rims and strokes of 6 px, of which edges bend two
+    on either side. bend: levels of a second difference that no edge has. A gradient may bend more by its slope over
+    `tip`, the least distance in px from the middle of its circles."""
     bends, steps = bends_and_steps(levels)
     smooth = bends <= bend + steps / (2.0 * tip)
     # The opening gets room around the canvas, so that the border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), ndimage.SQUARE)[2:-2, 2:-2]
     # Most drawings are flat. A gradient changes in a quarter of its pixels at least.
     if 4 * (smooth & (steps > 0.0)).sum() < LEAST_AREA:
-        return np.zeros(smooth.shape, dtype=np.int32), 0
+        return Parts(levels, np.zeros(smooth.shape, dtype=np.int32), 0)
     parts, count = ndimage.label(opened)
     large = (np.bincount(parts.ravel(), minlength=count + 1) >= LEAST_AREA)[parts] & opened
     whole = smooth[:-1, :-1] & smooth[1:, :-1] & smooth[:-1, 1:] & smooth[1:, 1:]
     thin, more = ndimage.large_parts(in_squares(whole) & ~ndimage.binary_dilation(large, ndimage.SQUARE), LEAST_AREA)
     parts = np.where(thin > 0, thin + count, parts)
-    return ndimage.renumbered(parts, np.bincount(parts.ravel(), minlength=count + more + 1) > 0)
+    numbers = ndimage.renumbered(parts, np.bincount(parts.ravel(), minlength=count + more + 1) > 0)
+    return Parts(levels, *numbers)
 
 
 @record
@@ -175,18 +177,28 @@ class Part:
         return fill, even & (even.mean() >= LEAST_PLATEAU)
 
 
-def uneven_parts(sizes: np.ndarray, spreads: np.ndarray, area: int, span: float) -> list[int]:
-    """Return the numbers of the parts of at least `area` px that span more than so many levels, the largest first.
-    sizes, spreads: as of `part_spreads`."""
-    uneven = np.flatnonzero((sizes >= area) & (spreads > span))
-    return (uneven[np.argsort(-sizes[uneven], kind="stable")] + 1).tolist()
+@record
+class Parts:
+    """Parts of a picture. levels: (H, W, 4) premultiplied; numbers: (H, W) int32, from 1 to `count`, 0 for no part."""
 
+    levels: np.ndarray
+    numbers: np.ndarray
+    count: int
 
-def part_of(
-    levels: np.ndarray, parts: np.ndarray, number: int, boxes: np.ndarray, claimed: np.ndarray | None = None
-) -> Part:
-    """Return a part by its number. parts: (H, W); boxes: of `part_spreads`; claimed: (H, W) bool, others' pixels."""
-    top, bottom, left, right = boxes[number - 1].tolist()
-    window = slice(top, bottom + 1), slice(left, right + 1)
-    mask = parts[window] == number
-    return Part(levels, Patch(top, left, mask if claimed is None else mask & ~claimed[window]))
+    @cached_property
+    def measured(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Their sizes, boxes and spreads, as of `part_spreads`."""
+        return part_spreads(self.levels, self.numbers, self.count)
+
+    def uneven(self, area: int, span: float) -> list[int]:
+        """Return the numbers of the parts of at least `area` px that span more than so many levels, largest first."""
+        sizes, _, spreads = self.measured
+        uneven = np.flatnonzero((sizes >= area) & (spreads > span))
+        return (uneven[np.argsort(-sizes[uneven], kind="stable")] + 1).tolist()
+
+    def part(self, number: int, claimed: np.ndarray | None = None) -> Part:
+        """Return a part by its number, without the pixels claimed by others, (H, W) bool."""
+        top, bottom, left, right = self.measured[1][number - 1].tolist()
+        window = slice(top, bottom + 1), slice(left, right + 1)
+        mask = self.numbers[window] == number
+        return Part(self.levels, Patch(top, left, mask if claimed is None else mask & ~claimed[window]))

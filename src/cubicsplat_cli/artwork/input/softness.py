@@ -102,8 +102,8 @@ def in_gradients(levels: np.ndarray, tries: int, *, layered: bool = False) -> np
     explain, of which at most `tries` are sought. layered: also where one lies above the other.
     """
     levels = with_channels(levels, 4, 255.0)
-    parts, count = smooth_parts(levels)
-    areas = gradient_areas(levels, parts, count, tries, MOST_PARTS)
+    parts = smooth_parts(levels)
+    areas = gradient_areas(parts, tries, MOST_PARTS)
     if layered:
-        areas = with_layers(levels, parts, count, areas, MOST_PARTS)
+        areas = with_layers(parts, areas, MOST_PARTS)
     return covered(areas, levels.shape)

@@ -14,12 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, RING, Part, Patch, part_of, patches_of, uneven_parts
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, RING, Part, Parts, Patch, patches_of
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED, SAME
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.record import record
 
 LEAST_RANGE = 5.0  # levels that a shaded ground spans
@@ -66,24 +65,22 @@ class Shaded:
         return ndimage.binary_dilation(inner, ndimage.SQUARE, iterations=RING - 1)
 
 
-def even_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, np.ndarray]]:
+def even_grounds(parts: Parts) -> Iterator[tuple[Part, np.ndarray, np.ndarray]]:
     """Yield uneven parts of a picture, of the largest MOST_GROUNDS, that have an even ground: its colour (4,) in whole
-    levels, and (n,) bool, the pixels of the part that show it. parts, count: as of `smooth_parts`."""
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
-    for number in uneven_parts(sizes, spreads, LARGE_AREA, LEAST_RANGE)[:MOST_GROUNDS]:
-        part = part_of(levels, parts, number, boxes)
+    levels, and (n,) bool, the pixels of the part that show it."""
+    for number in parts.uneven(LARGE_AREA, LEAST_RANGE)[:MOST_GROUNDS]:
+        part = parts.part(number)
         fill, even = part.plateau()
         if even.any():
             yield part, np.rint(fill), even
 
 
-def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
-    """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any. parts,
-    count: as of `smooth_parts`."""
+def shaded_grounds(parts: Parts) -> Shaded | None:
+    """Return the grounds among the parts of a picture that may show a shadow; None without any."""
     found: list[tuple[Ground, np.ndarray]] = []
-    for part, fill, _ in even_grounds(levels, parts, count):
+    for part, fill, _ in even_grounds(parts):
         if (direction := direction_from(part.pixels.values, fill)) is not None:
-            found.append((Ground(fill, parts == parts[part.rows[0], part.columns[0]]), direction))
+            found.append((Ground(fill, parts.numbers == parts.numbers[part.rows[0], part.columns[0]]), direction))
     if not found:
         return None
     return Shaded(tuple(ground for ground, _ in found), end_of(found[0][0].fill, found[0][1]))

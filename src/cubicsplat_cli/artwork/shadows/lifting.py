@@ -71,15 +71,15 @@ def sides_of(dark: np.ndarray, shaded: np.ndarray) -> ShadowSides:
 def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
     """Return a picture (H, W, 4), premultiplied levels, without its shadows; the same array if it has none. areas: the
     soft areas to remove, if they are known."""
-    parts, count = smooth_parts(levels, SHARP_BEND, np.inf)
+    parts = smooth_parts(levels, SHARP_BEND, np.inf)
     if areas is not None:
-        return without_areas(levels, parts, areas)
-    shadow = shadow_of(levels, parts, count)
+        return without_areas(levels, parts.numbers, areas)
+    shadow = shadow_of(parts)
     if shadow is None:
-        return without_areas(levels, parts, tuple(soft_areas(levels, parts, count)))
+        return without_areas(levels, parts.numbers, tuple(soft_areas(parts)))
     grounds, taken = _shaded_grounds(levels, shadow), shadow.shaded.mask
     above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
-    out, meant = _without_grounds(levels, np.where(taken, 0, parts), grounds, above, 1.0, SEEN)
+    out, meant = _without_grounds(levels, np.where(taken, 0, parts.numbers), grounds, above, 1.0, SEEN)
     return Lifted(out, shadow, (), np.logical_or.reduce([area.mask for area in grounds]), meant)
 
 

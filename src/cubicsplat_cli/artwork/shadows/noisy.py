@@ -27,7 +27,6 @@ from cubicsplat_cli.artwork.shadows.shadow import BLURS, MOST_MOVED
 from cubicsplat_cli.artwork.shadows.soft import LEAST_AREA, Line, SoftArea
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.raster.unmix import STRANGE
 
 BLUR = 1.0  # px by which noise is smoothed
@@ -58,14 +57,14 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
     """Yield the soft areas of an opaque picture (H, W, 4) in levels and of a condition."""
     rough = roughness(condition)
     seen = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    parts, count = smooth_parts(seen, SOFT_BEND, np.inf)
-    sizes, _, spreads = part_spreads(seen, parts, count)
+    parts = smooth_parts(seen, SOFT_BEND, np.inf)
+    sizes, _, spreads = parts.measured
     uneven = np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
     if not uneven.any():
         return
-    for fill in _grounds(seen[calm_pixels(levels, condition.noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
+    for fill in _grounds(seen[calm_pixels(levels, condition.noise)[0]], int(LEAST_PLATEAU * parts.numbers.size), rough):
         work().at()
-        if (area := _area(seen - fill, fill, parts, uneven, CLOSE * rough, seen_as(condition))) is not None:
+        if (area := _area(seen - fill, fill, parts.numbers, uneven, CLOSE * rough, seen_as(condition))) is not None:
             yield area
 
 
@@ -84,7 +83,7 @@ def _area(
     off: np.ndarray, fill: np.ndarray, parts: np.ndarray, uneven: np.ndarray, error: float, told: np.ndarray
 ) -> SoftArea | None:
     """Return the soft area on a ground of a fill, to an error in levels; None if no blur of what stands there is one.
-    off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`; uneven: (n,) bool, which of them are. told:
+    off: (H, W, 4) levels from the fill. parts: (H, W) their numbers; uneven: (n,) bool, which of them are. told:
     (4, 4) as of `seen_as`."""
     far = largest(np.abs(off))
     smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(uneven)) > 0))[parts]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
-from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.artwork.regions.sampling import EXAMINED
@@ -62,17 +62,16 @@ def falls_on(caster: np.ndarray, ground: np.ndarray) -> bool:
     return bool((caster & ground).sum() <= 0.5 * ground.sum())
 
 
-def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
-    """Return the shadows of a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
-    without any. parts, count: as of `smooth_parts`."""
-    if (grounds := shaded_grounds(levels, parts, count)) is None:
+def shadow_of(parts: Parts) -> Shadow | None:
+    """Return the shadows of a picture, by its even parts, that blurred boxes explain to its rounding; None for none."""
+    if (grounds := shaded_grounds(parts)) is None:
         return None
-    seen = grounds.share(levels)
+    seen = grounds.share(parts.levels)
     scale = float(np.abs(grounds.colour - grounds.grounds[0].fill).max())
     if scale * float(seen.max()) < LEAST_RANGE:
         return None
     best, tried = tuple[Cast, ...](), list[list[Box]]()
-    for casters in casters_of(grounds, seen, parts > 0):
+    for casters in casters_of(grounds, seen, parts.numbers > 0):
         boxes = [caster.box for caster in casters]
         if boxes in tried:
             continue

@@ -12,7 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
-from cubicsplat_cli.artwork.gradients.parts import RING, Part, Patch, smooth_parts
+from cubicsplat_cli.artwork.gradients.parts import RING, Part, Parts, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, CONTACT, OPAQUE, ROUNDED, SAME
 from cubicsplat_cli.artwork.shadows.casters import (
@@ -27,7 +27,7 @@ from cubicsplat_cli.artwork.shadows.casters import (
 )
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
+from cubicsplat_cli.raster.shades import nearest_paints
 from cubicsplat_cli.record import record
 
 LEAST_AREA = 200  # px of an area
@@ -85,14 +85,13 @@ class Line:
         return largest(np.abs(self.apart(shares))) <= self.error
 
 
-def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftArea]:
-    """Return the soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
-    `smooth_parts`."""
-    found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
-    smooth = cache(lambda: smooth_parts(levels, tip=np.inf)[0] > 0)  # needed in few pictures; shadows bend
+def soft_areas(parts: Parts) -> list[SoftArea]:
+    """Return the soft areas of a picture, by its even parts, other than gradients."""
+    found, clear = list[tuple[Ground, np.ndarray]](), parts.levels[..., 3] <= CLEAR
+    smooth = cache(lambda: smooth_parts(parts.levels, tip=np.inf).numbers > 0)  # needed in few pictures; shadows bend
     pieces = (
         (part, part.within(even), fill, piece)
-        for part, fill, even in even_grounds(levels, parts, count)
+        for part, fill, even in even_grounds(parts)
         for piece in part.pieces(~even)
         if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE
     )
@@ -109,10 +108,10 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
         colour, off = end_of(fill, direction), piece.pixels.values - fill
         same = [g for g, end in found if (g.fill == fill).all() and on_line(off, end - fill)]
         if not same:
-            same = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
+            same = [Ground(fill, np.zeros(clear.shape, dtype=bool))]
             found.append((same[0], colour))
         same[0].mask[part.rows, part.columns] = True
-    areas = (_area(levels, parts, ground, colour) for ground, colour in found)
+    areas = (_area(parts, ground, colour) for ground, colour in found)
     return [area for area in areas if area is not None]
 
 
@@ -132,9 +131,10 @@ def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
     return shade is not None and bool(shade.explains(pixels).mean() >= EXPLAINED)
 
 
-def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea | None:
+def _area(parts: Parts, ground: Ground, colour: np.ndarray) -> SoftArea | None:
     """Return the soft area on a ground, with the pixels that show it there and between what covers it; None if none
     do."""
+    levels = parts.levels
     colour = _surer(levels[ground.mask] - ground.fill, ground.fill, colour)
     off, way = levels - ground.fill, colour - ground.fill
     line = Line(off, way, off_line(off[ground.mask] @ way / max(float(np.linalg.norm(way)), 1e-9)))
@@ -146,19 +146,19 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     # Translucent pixels show the ground, and so do uneven ones that are no darker than the area elsewhere.
     through = levels[..., 3] < OPAQUE
     possible = near & (through | (seen <= float(seen[shown].max()) + SAME))
-    sizes, _, spreads = part_spreads(levels, parts, int(parts.max()))
+    sizes, _, spreads = parts.measured
     sizes, uneven = np.append(0, sizes), np.append(False, spreads > LEAST_RANGE)
 
     def share_of(pixels: np.ndarray) -> np.ndarray:
         """Return (parts + 1,) the share of each part that some pixels (H, W) have, 0 for edges."""
-        return np.bincount(parts.ravel(), pixels.ravel(), len(sizes)) / np.maximum(sizes, 1) * (sizes > 0)
+        return np.bincount(parts.numbers.ravel(), pixels.ravel(), len(sizes)) / np.maximum(sizes, 1) * (sizes > 0)
 
     uneven |= share_of(through) > ON_LINE
     field = _continued(seen, shown | nothing, scale)
     gap, shaded = np.abs(field - seen), field > ROUNDED
     alike = uneven | (share_of(possible * gap) <= SAME)
     on_way = (share_of(near) >= ON_LINE) & (share_of(possible) >= EXPLAINED)
-    more = (alike & on_way & (share_of(shaded) >= 0.5))[parts] & near & ~shown
+    more = (alike & on_way & (share_of(shaded) >= 0.5))[parts.numbers] & near & ~shown
     if more.any():
         shown |= more
         field = _continued(seen, shown | nothing, scale)
