@@ -195,7 +195,7 @@ def mixture_of(
     that.
     """
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
-    reach = 1 if not blur else 1 + math.ceil(blur)
+    reach = 1 + math.ceil(blur)
     y, x = np.nonzero(~ndimage.alike(labels, 2 * reach + 1))
     if not len(y):
         return mixture

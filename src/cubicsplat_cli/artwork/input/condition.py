@@ -22,17 +22,11 @@ OUTLIER = 4.0  # standard deviations; what is farther off is no noise
 MISFIT = 1.0  # levels by which pixels are off the model of a restored picture beyond their noise
 SECOND = 6.0**0.5  # standard deviation of a second difference of white noise of 1: weights 1, -2 and 1
 ROUGH = 3.0  # levels of a second difference that neither even areas nor gradients have
-# px of the blocks to which planes are fitted; levels by which nearly all are off, of which rounding makes 0.29, and
-# 0.22 in the flattest places of clean gradients; how many times the noise is larger, half of which such planes follow.
-PLANE, LEAST_DRIFT, FOLLOWED = 9, 0.35, 2.0
+PLANE = 9  # px of the blocks to which planes are fitted
 BLOCK = 8  # px of a JPEG's block
-MOST_EVEN_BLOCKS = 0.8  # share of the blocks with edges of a lossy picture in which some 3 x 3 px are exactly alike
 # Ripples are within so many levels of a fill; they are more than so large a share of its pixels, of which at least so
 # many must tell.
 RIPPLE, RIPPLED, FEWEST_TELL = 8.0, 0.01, 200
-# px of a place; the share of rough pixels that shows compression there; the largest share of the pixels near edges of a
-# compressed picture in places that do not show it.
-PLACE, ROUGH_PLACE, MOST_SMOOTH = 32, 0.01, 0.25
 # The 2D waves of a block's discrete cosine transform are products of two of these, which leaves out the level ones.
 WAVES = (
     np.cos(math.pi / (2 * BLOCK) * np.arange(1, BLOCK)[:, None] * (2 * np.arange(BLOCK) + 1)) * (2.0 / BLOCK) ** 0.5
@@ -41,11 +35,7 @@ WAVES = (
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
-# Of an edge's contrast: by which its blends may be off their line in a JPEG, and without noise, where a grey outline is
-# off by more that lies between a light and a dark colour.
-OFF_LINE, OFF_LINE_OF_CLEAN = 0.1, 0.03
 NEAR_EDGES = 2.0  # times as much as elsewhere, by which the pixels of a JPEG are off a few px from edges
-SKEWED = 2.0  # how many times as far as the upper quartile the lower one is off the median where some edges are sharp
 # Fewer different blends do not tell. Of the blends in pictures of 16 or 32 colours, 0.3 to 0.85 are rounded off their
 # lines, unless the palette holds them all, and in those of 64 up to 0.7; in plain drawings at most 0.18.
 FEWEST_BLENDS, ROUNDED = 20, 0.25
@@ -179,7 +169,8 @@ def _drift(levels: np.ndarray, *, compressed: bool) -> float:
     ways = np.stack([np.repeat(line, PLANE), np.tile(line, PLANE)]).astype(np.float32) / np.sqrt(PLANE * line @ line)
     squares = (blocks**2).sum(axis=(1, 2)) - ((ways @ blocks) ** 2).sum(axis=(1, 2))
     off = np.sqrt(np.maximum(squares, 0.0) / (3 * (PLANE**2 - 3)))
-    return FOLLOWED * float(np.median(off)) if np.quantile(off, 0.05) >= LEAST_DRIFT else 0.0
+    # Rounding makes 0.29 of them, and 0.22 in the flattest places of clean gradients. Planes follow half of the noise.
+    return 2.0 * float(np.median(off)) if np.quantile(off, 0.05) >= 0.35 else 0.0
 
 
 def _quiet(spans: np.ndarray) -> np.ndarray:
@@ -201,7 +192,7 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     """
     near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
     rough = rough & near
-    ripples = _rippled(levels, rough, near, spans, quiet) and _everywhere(rough, near)
+    ripples = _rippled(levels, rough, spans, quiet) and _everywhere(rough, near)
     if not ripples and rough.sum() <= 0.02 * near.sum():
         return False
     luma, opaque, colours = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), levels[..., :3]
@@ -214,41 +205,39 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     # the faint lines of plots like ripples.
     even = _even_blocks(levels, _busy(coefficients))
     if even >= (0.5 if opaque else 0.33):
-        return ripples and not indexed and even < MOST_EVEN_BLOCKS
+        return ripples and not indexed and even < 0.8
     if ripples or (opaque and _blocky(coefficients, luma)):
         return True
     return not (noise or indexed) and _rings(levels, rough, near) and _everywhere(rough, near)
 
 
 def _everywhere(rough: np.ndarray, near: np.ndarray) -> bool:
-    """Return True if nearly all places are rough near their edges, (H, W) bool, as the whole picture's compression
-    leaves them, and not the photographs in a screenshot.
+    """Return True if nearly all places, of 32 px, are rough near their edges, (H, W) bool, as the whole picture's
+    compression leaves them, and not the photographs in a screenshot.
 
     In nine of ten JPEGs and WebPs of quality 70 to 97, of half the size or saved as PNG too, at most 0.2 of the pixels
     near edges are in smooth places, and in 0.98 of them at most 0.35; in nine of ten screenshots with a photograph or a
     map 0.15 and more, in half of them 0.43.
     """
-    counts = [ndimage.uniform_filter(mask.astype(np.float32), PLACE) for mask in (rough, near)]
-    smooth = near & (counts[0] <= ROUGH_PLACE * counts[1])
-    return bool(smooth.sum() <= MOST_SMOOTH * near.sum())
+    counts = [ndimage.uniform_filter(mask.astype(np.float32), 32) for mask in (rough, near)]
+    smooth = near & (counts[0] <= 0.01 * counts[1])
+    return bool(smooth.sum() <= 0.25 * near.sum())
 
 
 def rippled(levels: np.ndarray) -> bool:
     """Return True if a picture's fills ripple as a compression with loss leaves them."""
     spans = spread(levels, 5, 5)
-    quiet = _quiet(spans)
-    near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
-    return _rippled(levels, second_differences(levels) >= ROUGH, near, spans, quiet)
+    return _rippled(levels, second_differences(levels) >= ROUGH, spans, _quiet(spans))
 
 
-def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.ndarray, quiet: np.ndarray) -> bool:
+def _rippled(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet: np.ndarray) -> bool:
     """Return True if a picture's fills ripple 5 to 8 px from edges, beyond the filters that make pictures smaller.
-    rough, near, quiet: (H, W) bool, the rough pixels, the quiet ones near edges, and all quiet ones.
+    rough, spans, quiet: as of `_compressed`.
 
     In clean pictures, and in those reduced by Lanczos' filter, at most 0.008 of the pixels there that are nearly of a
     fill do; in nine of ten JPEGs and WebPs of quality 70 to 90 0.02 to 0.4, of half the size or saved as PNG too.
     """
-    far = near & ~ndimage.maximum_filter(~quiet, 5)
+    far = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1) & ~ndimage.maximum_filter(~quiet, 5)
     rough = rough & far
     swinging = _swinging(levels, rough)[far]
     if swinging.sum() <= RIPPLED * FEWEST_TELL:
@@ -330,7 +319,8 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0, *, cut: bool = True) -> fl
     if len(variances) < FEWEST:
         return None
     quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)
-    spread_by_noise = noise > 0.0 and half - quarter <= SKEWED * (rest - half)
+    # Where some edges are sharp the lower quartile is farther off the median.
+    spread_by_noise = noise > 0.0 and half - quarter <= 2.0 * (rest - half)
     return math.sqrt(half) if quarter >= 4.0 / 9.0 * half or spread_by_noise else 0.0
 
 
@@ -349,7 +339,9 @@ def _variances(levels: np.ndarray, noise: float, *, cut: bool = True) -> np.ndar
     """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even but for noise, in
     levels. cut: of those cut off too, as between thin lines, where too few are not.
     """
-    off = OFF_LINE if noise else OFF_LINE_OF_CLEAN
+    # The share of the contrast by which blends may be off their line: a grey outline between a light and a dark colour
+    # is off by more than the lower one.
+    off = 0.1 if noise else 0.03
     given = levels, levels @ SEEN, EXAMINED, max(2.0, 3.0 * noise), CONTRAST, off
     whole = edge_variances(*given)
     return edge_variances(*given, cut=True) if cut and len(whole) < FEWEST else whole

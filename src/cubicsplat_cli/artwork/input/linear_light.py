@@ -24,11 +24,10 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
     """
     if min(levels.shape[:2]) < 4 or not blended_in_light(levels):
         return levels
-    colours, opaque = levels[..., :3], levels[..., 3] == FULL
-    even = in_even_squares(colours)
+    opaque, even = levels[..., 3] == FULL, in_even_squares(levels[..., :3])
     blended = opaque & ~even
-    near, places = near_colours(colours, opaque & even, blended)
-    values, ends = levels[blended], levels.reshape(-1, 4)[places]
+    near, ends = near_colours(levels, opaque & even, blended)
+    values = levels[blended]
     again, off = blends(in_light(values), near, in_light(ends), ends, three=True)
     out = levels.copy()
     # Of near colours, as within a gradient, blends are alike in both, and rounding again would only add noise.

@@ -35,8 +35,8 @@ def without_matte(levels: np.ndarray) -> tuple[np.ndarray, str]:
     rim &= ~even
     if rim.sum() < FEWEST:
         return levels, ""
-    near, places = near_colours(levels, even & (levels[..., 3] == FULL), rim)
-    seen, ends = levels[rim], levels.reshape(-1, 4)[places]
+    near, ends = near_colours(levels, even & (levels[..., 3] == FULL), rim)
+    seen = levels[rim]
     straight, soft = seen * (FULL / seen[:, 3:]), seen[:, 3] < FULL
     # The ground comes after the last of the paints nearby.
     slot = np.arange(SLOTS + 1) == (near >= 0).sum(axis=1, keepdims=True)

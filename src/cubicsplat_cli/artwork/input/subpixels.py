@@ -67,10 +67,11 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     order = np.sign(sure @ (totals**2).sum(axis=1) ** 0.5)
     if order == 0.0:
         return levels
-    chosen = (offset * order > 0.0) & (explained > 0.25) & _in_fills_of(sure * order > 0.0, totals)
+    contrast = totals / np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
+    chosen = (offset * order > 0.0) & (explained > 0.25) & _in_fills_of(sure * order > 0.0, contrast)
     own = chosen[parts.own]
     text = _Parts(parts.at[own], parts.own[own], parts.off[own], parts.ground[own], parts.count)
-    fills = _fills(text, totals, chosen)
+    fills = _fills(text, contrast, chosen)
     share = _shares(text, fills, order, colours.shape[:2])
     out = levels.copy()
     values = text.ground + share[:, None] * (fills[text.own] - text.ground)
@@ -134,9 +135,8 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[n
     return np.where(coloured, both / of_moved, 0.0), both**2 / (of_moved * of_fringe)
 
 
-def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
-    """Return (k,) bool: parts with about the contrast, totals (k, 3), of a part that is sure (k,) bool."""
-    contrast = totals / np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
+def _in_fills_of(sure: np.ndarray, contrast: np.ndarray) -> np.ndarray:
+    """Return (k,) bool: parts with about the contrast (k, 3), at most 1, of a part that is sure (k,) bool."""
     alike, left = sure.copy(), np.flatnonzero(sure)
     while len(left):
         same = np.abs(contrast - contrast[left[0]]).max(axis=1) <= ALIKE
@@ -145,23 +145,22 @@ def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
     return alike
 
 
-def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return (k, 3) levels of the fill of each part.
+def _fills(text: _Parts, contrast: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Return (k, 3) levels of the fill of each part. contrast: (k, 3), at most 1; chosen: (k,) bool, the parts of text.
 
     It is the strongest sample of all parts that differ from their grounds towards it. But parts that agree on another
     strongest sample (`_of_one_colour`) have that one: samples that a fill covers only in part do not agree.
     """
-    contrast = totals / np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
     own = contrast[text.own]
     strength = np.where(np.abs(own) > 0.3, text.off / np.where(own == 0.0, 1.0, own), 0.0).max(axis=1)
     # The strongest sample of each part, in channels with 0.3 of the contrast or more, and the ground beneath it.
     order = np.argsort(strength, kind="stable")
-    strongest, grounds, peaks = np.zeros(len(totals), dtype=int), np.zeros(totals.shape), np.zeros(len(totals))
+    strongest, peaks, grounds = np.zeros(len(chosen), dtype=int), np.zeros(len(chosen)), np.zeros(contrast.shape)
     strongest[text.own[order]] = order
     grounds[chosen], peaks[chosen] = text.ground[strongest[chosen]], strength[strongest[chosen]]
     shown = grounds + peaks[:, None] * contrast
-    fills, left = np.zeros(totals.shape), np.flatnonzero(chosen)
-    agreed = np.zeros(len(totals), dtype=bool)
+    fills, left = np.zeros(contrast.shape), np.flatnonzero(chosen)
+    agreed = np.zeros(len(chosen), dtype=bool)
     agreed[left] = _of_one_colour(shown[left])
     while len(left):
         best = left[np.argmax(peaks[left])]

@@ -52,11 +52,12 @@ def in_even_squares(levels: np.ndarray) -> np.ndarray:
 
 
 def near_colours(levels: np.ndarray, shown: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `nearest_paints` of pixels (H, W) bool: the different colours of (H, W, C) nearby, of those shown (H, W) bool.
-    Colours in one cell of 8 levels are one.
+    """Of n pixels (H, W) bool the different colours nearby, of those shown, (H, W) bool, in a picture (H, W, C): as of
+    `nearest_paints`, (n, SLOTS), and in levels, (n, SLOTS, C). Colours in one cell of 8 levels are one.
     """
     cells = np.rint(levels[..., :3] / 8.0).astype(np.int32) @ np.array([1, 64, 4096], np.int32)
-    return nearest_paints(np.where(shown, cells, -1), np.flatnonzero(pixels), REACH, SLOTS)
+    near, places = nearest_paints(np.where(shown, cells, -1), np.flatnonzero(pixels), REACH, SLOTS)
+    return near, levels.reshape(-1, levels.shape[2])[places]
 
 
 def has_square(pure: np.ndarray) -> np.ndarray:

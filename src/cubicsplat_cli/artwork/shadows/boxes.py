@@ -115,11 +115,6 @@ def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray)
     return 1.0 - shadow_window(np.array(box), numbers_of(layers), x, y)
 
 
-def too_dark(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> np.ndarray:
-    """Return (n,) levels by which layers make each pixel of samples too dark."""
-    return samples.scale * (1.0 - samples.through * samples.light(numbers_of(layers)) - samples.seen)
-
-
 def nearest_layers(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
     """Return the layers nearest to samples, fitted from these, and the mean square error in levels^2."""
     numbers, left = samples.fitted(numbers_of(layers))

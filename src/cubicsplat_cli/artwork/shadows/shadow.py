@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.artwork.regions.sampling import EXAMINED
-from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, nearest_layers, numbers_of, reached, shaded, too_dark
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, nearest_layers, numbers_of, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shades import ShadowSamples
 from cubicsplat_cli.record import record
@@ -190,15 +190,21 @@ def _nearest(samples: ShadowSamples, begins: list[Layers]) -> Layers:
     return best if unlikely or _explained(few, best) < HALFWAY else nearest_layers(samples, best)[0]
 
 
+def _too_dark(samples: ShadowSamples, layers: Layers) -> np.ndarray:
+    """Return (n,) levels by which layers make each shaded pixel of samples too dark."""
+    off = samples.scale * (1.0 - samples.through * samples.light(numbers_of(layers)) - samples.seen)
+    return off[samples.scale * samples.seen > FAINT]
+
+
 def _explained(samples: ShadowSamples, layers: Layers) -> float:
     """Return the share of the shaded pixels of samples that layers explain."""
-    dark = samples.scale * samples.seen > FAINT
-    return float((np.abs(too_dark(samples, layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
+    wrong = _too_dark(samples, layers)
+    return float((np.abs(wrong) <= CLOSE).mean()) if len(wrong) else 0.0
 
 
 def _rough(samples: ShadowSamples, layers: Layers) -> float:
     """Return the root mean square in levels by which layers differ from the shaded pixels."""
-    wrong = too_dark(samples, layers)[samples.scale * samples.seen > FAINT]
+    wrong = _too_dark(samples, layers)
     return float(np.sqrt((wrong * wrong).mean())) if len(wrong) else 0.0
 
 
