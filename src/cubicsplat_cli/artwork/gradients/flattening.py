@@ -31,7 +31,6 @@ from cubicsplat_cli.scene.paint import Gradient, laid_over, painted
 
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
 SHIFTS = APART * np.array(sorted(range(5, -6, -1), key=abs))
-MOST_COLOURS = 4096  # of a picture, from which placeholders stay apart
 Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]  # a paint's, (n, 4) in levels at columns and rows (n,)
 
 
@@ -186,6 +185,6 @@ def _gaps(trials: np.ndarray, taken: np.ndarray) -> np.ndarray:
 
 
 def _few_colours(levels: np.ndarray) -> np.ndarray:
-    """Return (n, 4) at most about MOST_COLOURS of the different whole colours of pixels (m, 4)."""
+    """Return (n, 4) at most about 4096 of the different whole colours of pixels (m, 4)."""
     codes = np.unique(packed(np.rint(levels)))
-    return unpacked(codes[:: max(1, len(codes) // MOST_COLOURS)])
+    return unpacked(codes[:: max(1, len(codes) // 4096)])

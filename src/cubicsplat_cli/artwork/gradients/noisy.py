@@ -29,10 +29,6 @@ from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, Pixels, grown
 from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px of the means, and within which an edge between two fills does half of its change
-LEFT, LEFT_LEVELS = 1.25, 0.7  # residual of a window from its plane: times the noise, and levels besides
-# Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
-# picture by so much more for each level of noise.
-JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
 NEAR, RESTORED = 6.0, 2.0  # times the noise by which pixels there may differ, and times the restored error
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
 TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
@@ -86,11 +82,12 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
 
 def roughness(condition: Condition) -> float:
     """Return how many times as much pixels differ from their gradient as in a clean picture."""
-    return JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
+    return 3.0 if condition.jpeg else 1.0 + 0.5 * condition.noise
 
 
 def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
-    """Return (H, W, 4) float32 the means of windows, and (H, W) bool: True for windows that are planes with noise."""
+    """Return (H, W, 4) float32 the means of windows, and (H, W) bool: True for windows that are planes with noise, off
+    these by 1.25 times the noise and 0.7 levels at most."""
     size, at = (WINDOW, WINDOW, 1), np.arange(WINDOW) - WINDOW // 2
     means = ndimage.uniform_filter(levels, size, mode="nearest")
     left = ndimage.uniform_filter(levels * levels, size, mode="nearest") - means * means
@@ -98,8 +95,7 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
     for axis, across in enumerate(((1, WINDOW, 1), (WINDOW, 1, 1))):
         along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
         left -= spread * ndimage.uniform_filter(along, across, mode="nearest") ** 2
-    most = LEFT * condition.noise + LEFT_LEVELS
-    return means.astype(np.float32), (left <= most**2).all(axis=-1)
+    return means.astype(np.float32), (left <= (1.25 * condition.noise + 0.7) ** 2).all(axis=-1)
 
 
 def is_step(shade: Shade, shortest: float = WINDOW) -> bool:

@@ -32,8 +32,6 @@ AROUND = 7  # px of the square in which residuals are compared; it holds a few d
 BLUR, SIDE = 1.0, 1.5
 ALIKE = 20.0  # levels by which the guide differs on one side of an edge: what the blur leaves of dither in 216 colours
 LEFT = 2.0  # levels of noise that the means leave, and the rounding of gradients to palettes
-STEEP = 1.0  # levels between neighbours where a gradient has plateaus: below, rounding to 8 bits makes them too
-FEWEST_BANDS = 8  # fewer tones that differ by little may be meant
 
 
 def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
@@ -60,7 +58,8 @@ def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
 def banded(levels: np.ndarray) -> bool:
     """Return True if a picture (H, W, C) in levels with few colours has gradients in bands, as palettes leave them.
 
-    Where neighbours in a gradient as it is drawn differ by more than STEEP levels, the next ones differ as well.
+    Where neighbours in a gradient as it is drawn differ by more than a level, below which rounding to 8 bits makes
+    bands too, the next ones differ as well. Fewer than eight tones that differ by little may be meant.
     """
     colours = packed(np.rint(levels))
     if not are_few(colours, MOST_COLORS):
@@ -70,12 +69,12 @@ def banded(levels: np.ndarray) -> bool:
     for part, own, values in ((parts, colours, levels), (parts.T, colours.T, levels.swapaxes(0, 1))):
         before, first, last, after = (own[k : max(0, len(own) - 3) + k] for k in range(4))
         where = part[1:-2]
-        step = (where == part[2:-1]) & (largest(np.abs(np.diff(values[1:-1], axis=0))) > STEEP)
+        step = (where == part[2:-1]) & (largest(np.abs(np.diff(values[1:-1], axis=0))) > 1.0)
         two = ((before == first) | (before == last)) & ((after == first) | (after == last))
         steps += np.bincount(where[step], minlength=count + 1)
         alone += np.bincount(where[step & two], minlength=count + 1)
     kinds = np.bincount(np.unique(parts.astype(np.int64) << 32 | colours) >> 32, minlength=count + 1)
-    return bool(((kinds >= FEWEST_BANDS) & (2 * alone > steps) & (alone >= CONTACT * kinds))[1:].any())
+    return bool(((kinds >= 8) & (2 * alone > steps) & (alone >= CONTACT * kinds))[1:].any())
 
 
 def _with_gradients(levels: np.ndarray) -> np.ndarray:

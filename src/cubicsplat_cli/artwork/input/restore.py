@@ -144,8 +144,11 @@ def restored(
         palette = rounded_as_jpegs(_median_fills(levels, palette, labels, near))
     else:
         labels = labelled(seen, palette, sigma, thick)
-        fills_of = _commonest_colours if condition.rounded else _median_fills
-        palette = fills_of(levels, palette, labels)
+        if condition.rounded:
+            for k in np.unique(labels):
+                (palette[k],) = commonest(levels[labels == k], 1, 1)
+        else:
+            palette = _median_fills(levels, palette, labels)
     for fill in placeholders:
         off = np.abs(palette - fill).max(axis=1)
         if off.min() < 0.5 * APART:
@@ -371,14 +374,6 @@ def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int
         _, gap = blend_with(values[odd], colour, first, first)
         better = gap < best[odd]
         best[odd[better]], out[odd[better]] = gap[better], fill
-    return out
-
-
-def _commonest_colours(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return the palette (P, 4) with the commonest colour of the pixels (H, W, 4) of each label (H, W)."""
-    out = palette.copy()
-    for k in np.unique(labels):
-        (out[k],) = commonest(levels[labels == k], 1, 1)
     return out
 
 

@@ -29,7 +29,6 @@ MOST = 0.15  # of the contrast: what differs more from both sides of an edge is 
 RIPPLE = 0.05  # of the contrast: the second lobes of Lanczos' filter, within the range of both sides, make 0.02 each
 FEWEST = 32  # sides of edges that tell a filter
 WINDOW = 128  # px of the part of a picture in which an unsharp mask is estimated
-STARTS = tuple(itertools.product((0.4, 1.2), (1.0, 2.0, 3.2)))  # amounts and px of radius that are tried first
 # Amounts, and px of radius. A narrower mask is like the filters that reduce pictures; a stronger or wider one flattens
 # any picture.
 WEAKEST, STRONGEST, NARROWEST, WIDEST = 0.2, 3.0, 0.8, 3.5
@@ -41,7 +40,6 @@ SIDE = 7  # px of a profile on each side of its edge: a mask of 2 px changes not
 PLACES = np.linspace(-0.6, 0.6, 13)  # px of an edge from the middle of its profile
 # Shares of the contrast, at most: between the rows beside a profile, and between two pixels at its ends.
 TILTED, UNEVEN = 0.6, 0.08
-MOST_PROFILES = 600  # that are looked at
 EDGE_NOISE = 5.0  # levels by which pixels near edges are off in JPEGs of usual quality
 UNTOLD = 0.01  # weight of a pixel that is cut off at an end of the scale, where a JPEG keeps it apart by a few levels
 
@@ -114,7 +112,7 @@ def _best(cost: Callable[[UnsharpMask], float], unmasked: float) -> tuple[Unshar
     def of(logarithms: np.ndarray) -> float:
         return cost(UnsharpMask(*np.exp(logarithms).tolist()))
 
-    starts = np.log(STARTS)
+    starts = np.log([*itertools.product((0.4, 1.2), (1.0, 2.0, 3.2))])  # amounts and px of radius
     costs = [of(start) for start in starts]
     if min(costs) >= unmasked:
         return None, 0.0
@@ -130,7 +128,7 @@ def _best(cost: Callable[[UnsharpMask], float], unmasked: float) -> tuple[Unshar
 
 def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
     """Return profiles (n, 2 * SIDE + 1) of a picture (H, W, 4) across straight edges that are nearly upright or level,
-    at most MOST_PROFILES, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends.
+    at most 600, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends.
     """
     reach, found = np.arange(-SIDE, SIDE + 1), list[np.ndarray]()
     for values, even in zip(_lines_of(levels[..., :3]), _lines_of(plain[..., :3]), strict=True):
@@ -146,7 +144,7 @@ def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
         lines = values[y, x + reach][told]
         found.append(np.where(lines[:, :1] > lines[:, -1:], lines[:, ::-1], lines))
     profiles = np.concatenate(found)
-    return profiles[:: 1 + len(profiles) // MOST_PROFILES].astype(np.float64)
+    return profiles[:: 1 + len(profiles) // 600].astype(np.float64)
 
 
 def _lines_of(levels: np.ndarray) -> list[np.ndarray]:

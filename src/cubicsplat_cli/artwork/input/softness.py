@@ -21,7 +21,6 @@ from cubicsplat_cli.raster.unmix import planes
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
-NOISY = 2.0  # levels of noise, above which windows are wider
 # Share of the pixels that are neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77)
 # and lettering in one (0.93), soft photos mostly 0.74 to 1, but at 128 px down to 0.34.
 MOST_DRIFT = 0.6
@@ -64,8 +63,8 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     """
     values = levels.astype(np.float32)
     bends = _bends(values)
-    # 0.6745: median of a normal error's size.
-    noisy = 2 * np.count_nonzero(bends > NOISY * 0.6745 * SECOND) > bends.size
+    # Above a noise of 2 levels windows are wider. 0.6745: median of a normal error's size.
+    noisy = 2 * np.count_nonzero(bends > 2.0 * 0.6745 * SECOND) > bends.size
     means, slopes = planes(values, 9 if noisy else 5)
     places, count = ndimage.large_parts((slopes <= 1.2) & drawn, 9)
     inside = places > 0

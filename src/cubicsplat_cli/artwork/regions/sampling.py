@@ -23,10 +23,7 @@ from cubicsplat_cli.raster.outlines import EdgePositions
 FEW_SAMPLES, ONE_SAMPLE = 0.04, 12.0**-0.5
 SAMPLES = 16
 CONTRAST = 60.0  # levels of an edge whose width, place or steps are measured
-LEAST_CONTRAST = 100.0  # levels between two fills, whose blends tell sixteenths apart
-NEAR = 0.12  # of a sample
 FEWEST, EXAMINED = 40, 20_000  # blends, steps or edges that tell, and pixels that are examined
-SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 # An edge of CONTRAST levels has blends, pixels that are between its colours by a share of BETWEEN, or steps, by which
 # it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
 # as blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
@@ -78,7 +75,8 @@ def error_of_steps(levels: np.ndarray) -> float:
 
 
 def samples_across(levels: np.ndarray, regions: Regions) -> int:
-    """4 where the picture (H, W, 4) in levels was drawn with 4 x 4 samples a pixel, else 0."""
+    """4 where the picture (H, W, 4) in levels was drawn with 4 x 4 samples a pixel, else 0. Blends of fills that are
+    100 levels apart tell sixteenths apart, of which by chance 0.24 would be near whole samples."""
     labels, shares = regions.labels, []
     for axis in (0, 1):
         turned = np.swapaxes(labels, 0, axis)
@@ -86,11 +84,11 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
         y, x = np.nonzero(own != beside)
         first, second = regions.fills[own[y, x]], regions.fills[beside[y, x]]
         share, rest = blend_of(np.swapaxes(levels, 0, axis)[y, x], first, second)
-        telling = (np.linalg.norm(second - first, axis=1) > LEAST_CONTRAST) & (largest(np.abs(rest)) < 2.0)
+        telling = (np.linalg.norm(second - first, axis=1) > 100.0) & (largest(np.abs(rest)) < 2.0)
         telling &= (share > 0.5 / SAMPLES) & (share < 1.0 - 0.5 / SAMPLES)
         shares.append(share[telling][:EXAMINED])
     found = SAMPLES * np.concatenate(shares)
-    return 4 if len(found) >= FEWEST and (np.abs(found - np.rint(found)) < NEAR).mean() > SAMPLED else 0
+    return 4 if len(found) >= FEWEST and (np.abs(found - np.rint(found)) < 0.12).mean() > 0.8 else 0
 
 
 def edge_positions(

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import in_blocks, largest, packed, unpacked
+from cubicsplat_cli.artwork.channels import commonest, in_blocks, largest
 from cubicsplat_cli.artwork.gradients.noisy import roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA as LEAST_EVEN
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_parts
@@ -71,8 +71,7 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
 def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarray]:
     """Yield the commonest colours (4,) of even pixels (n, 4), each of at least so many."""
     while len(values) >= least:
-        colours, counts = np.unique(packed(np.rint(values)), return_counts=True)
-        near = largest(np.abs(values - unpacked(colours[[counts.argmax()]]))) <= rough
+        near = largest(np.abs(values - commonest(np.rint(values).astype(float), 1, 1))) <= rough
         if near.sum() < least:
             return
         yield np.rint(np.median(values[near], axis=0)).astype(float)
