@@ -38,15 +38,12 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
         parts, _ = ndimage.label(ndimage.binary_erosion(own, ndimage.SQUARE, RIM, border_value=1))
         patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
         left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
-        joined = _joined(left)
         # All together, then each that no gradient has yet.
         for seed in [left, *([bands] for bands in left if len(left) > 1)]:
             if left and all(bands in left for bands in seed):
-                shade, members = _shared(seed, left, joined, condition)
+                shade, members = _shared(seed, left, condition)
                 areas += [ShadedArea(shade, bands.patch) for bands in members]
-                if members:
-                    left = [bands for bands in left if bands not in members]
-                    joined = _joined(left)
+                left = [bands for bands in left if bands not in members]
     return areas
 
 
@@ -63,13 +60,12 @@ class _Bands:
         self.even = min(self.error, own)
 
 
-def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: Condition) -> tuple[Shade, list[_Bands]]:
+def _shared(seed: list[_Bands], left: list[_Bands], condition: Condition) -> tuple[Shade, list[_Bands]]:
     """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
-    If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none.
-    joined: the pixels of all those left."""
-    alone = joined if seed is left else _joined(seed)
+    If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none."""
+    alone = _joined(seed)
     first = shade_of(alone)
-    members, pixels, shade = left, joined, first
+    members, pixels, shade = left, _joined(left), first
     while len(members) > len(seed):
         shade = refitted(first, pixels)
         errors = _errors(shade, members, pixels, condition)

@@ -109,8 +109,6 @@ def with_placeholders(
     reach = REACH + math.ceil(2.0 * BLUR_REACH * blur)
     near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=reach)
     y, x = np.nonzero(near & (paint < 0))
-    if len(y) == 0:
-        return out
     paints, places = nearest_paints(paint, y * paint.shape[1] + x, reach, SLOTS)
     flats = levels.reshape(-1, 4)[places.ravel()].astype(float)
     # A varying paint has another colour at the pixel itself than a few px away.

@@ -197,8 +197,6 @@ def mixture_of(
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
     reach = 1 + math.ceil(blur)
     y, x = np.nonzero(~ndimage.alike(labels, 2 * reach + 1))
-    if not len(y):
-        return mixture
     own = labels[y, x]
     padded = np.pad(labels, reach, mode="edge")
     best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))

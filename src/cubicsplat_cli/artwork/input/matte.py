@@ -15,7 +15,6 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends
 from cubicsplat_cli.raster.unmix import SLOTS
 
-GROUNDS = {"white": FULL, "black": 0.0}  # levels of the grounds that are looked for
 RIM = 2  # px from clear ones within which pixels may be blends with the ground
 MOST = 0.5  # share of the uneven pixels of the rim that are, where a ground was removed
 SHADES = 8  # different ones of edges that were smoothed; an outline of 1 px has one for each fill
@@ -42,7 +41,7 @@ def without_matte(levels: np.ndarray) -> tuple[np.ndarray, str]:
     slot = np.arange(SLOTS + 1) == (near >= 0).sum(axis=1, keepdims=True)
     paints = np.where(slot, near.max(initial=0) + 1, np.pad(near, ((0, 0), (0, 1)), constant_values=-1))
     others = np.where(slot[..., None], 0.0, np.pad(ends, ((0, 0), (0, 1), (0, 0))))
-    for name, level in GROUNDS.items():
+    for name, level in (("white", FULL), ("black", 0.0)):
         tells = largest(np.abs(ends[..., :3] - level)).max(axis=1, where=near >= 0, initial=0.0) > CONTRAST
         colours = np.where(slot[..., None], [level, level, level, FULL], others)
         whole, off = blends(straight, paints, colours, others, three=True)

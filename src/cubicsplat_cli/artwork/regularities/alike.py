@@ -17,11 +17,7 @@ from cubicsplat_cli.record import record
 
 FEWEST = 8  # points that show
 STEP = 0.5  # px between the points of an outline
-TRIES = 4  # times that points are brought nearer
-LARGEST = 3.0  # px that they move at most to be
 FARTHEST = 0.2  # px that what is alike may be off at its farthest point
-FIRST_LOOK = 16  # points of an outline that are compared before all of them are
-LIMITS = LARGEST, LARGEST, FARTHEST, MEAN_ERROR  # px off at most: at first; next; at last; in the mean
 # As it is, mirrored either way, turned by half a circle.
 FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 
@@ -50,7 +46,9 @@ def lines_of(tracks: Sequence[Track]) -> ClosedLines:
     """Return outlines to be laid on one another, or each on itself."""
     boxes = np.array([track.extent for track in tracks]).reshape(-1, 2, 2)
     trees, shown = [track.tree for track in tracks], [track.seen for track in tracks]
-    return ClosedLines(trees, shown, boxes, LIMITS, (FIRST_LOOK, TRIES), LEAST)
+    limits = 3.0, 3.0, FARTHEST, MEAN_ERROR  # px off at most: at first; next; at last; in the mean
+    # 16 points are compared before all are. They are brought nearer 4 times.
+    return ClosedLines(trees, shown, boxes, limits, (16, 4), LEAST)
 
 
 def found_copies(
