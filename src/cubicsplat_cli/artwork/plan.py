@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.input.chroma import mixture_of
 from cubicsplat_cli.artwork.input.condition import MISFIT
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput
-from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, SMOOTHED, before_compression
+from cubicsplat_cli.artwork.input.recompressed import before_compression
 from cubicsplat_cli.artwork.input.restore import restored, without_fragments
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
@@ -48,11 +48,11 @@ def flat_fills(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Flat
         flat = without_noisy_gradients(levels, condition, banded, flat.areas)
         picture = as_if_clean(flat, prepared, settings)
     if compression is not None and compression.known and own_fills:
-        error = EDGE_ERROR * (SMOOTHED if compression.webp else 1.0)
         picture, target = before_compression(levels, flat, picture, condition, compression)
-        # A WebP is smoothed as it is decoded: its small parts are bands of shading, not what ringing leaves.
-        picture = picture if compression.webp else without_fragments(picture, target, condition)
-        return flat, picture, target, error / 255.0
+        if compression.webp:  # smoothed as it is decoded: its small parts are bands of shading, not what ringing leaves
+            return flat, picture, target, 8.0 / 255.0
+        # Pixels on edges are off by half a step of the coefficients that matter.
+        return flat, without_fragments(picture, target, condition), target, 4.0 / 255.0
     if condition.jpeg and own_fills:
         picture = without_fragments(picture, flat.levels, condition)
     return flat, picture, flat.levels, condition.edge_error / 255.0

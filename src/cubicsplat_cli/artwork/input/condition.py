@@ -169,7 +169,7 @@ def _drift(levels: np.ndarray, *, compressed: bool) -> float:
     ways = np.stack([np.repeat(line, PLANE), np.tile(line, PLANE)]).astype(np.float32) / np.sqrt(PLANE * line @ line)
     squares = (blocks**2).sum(axis=(1, 2)) - ((ways @ blocks) ** 2).sum(axis=(1, 2))
     off = np.sqrt(np.maximum(squares, 0.0) / (3 * (PLANE**2 - 3)))
-    # Rounding makes 0.29 of them, and 0.22 in the flattest places of clean gradients. Planes follow half of the noise.
+    # Rounding makes 0.29 levels, and 0.22 in the flattest places of clean gradients. Planes follow half of the noise.
     return 2.0 * float(np.median(off)) if np.quantile(off, 0.05) >= 0.35 else 0.0
 
 

@@ -62,9 +62,7 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
                 fills.append(fill)
                 sizes.append(float(own.sum()))
         places = np.concatenate([places, new])
-    if not fills:
-        return np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
-    return np.array(fills, dtype=float)[np.argsort(-np.array(sizes), kind="stable")]
+    return np.array(fills, dtype=float).reshape(-1, 4)[np.argsort(-np.array(sizes), kind="stable")]
 
 
 def even_fills(levels: np.ndarray) -> np.ndarray:
@@ -72,8 +70,7 @@ def even_fills(levels: np.ndarray) -> np.ndarray:
     colours of the pixels in the middle of 3 x 3 px exactly alike, of which each has as many as for `noisy_fills`.
     """
     fewest = max(16, 1e-4 * levels[..., 0].size)
-    fills = commonest(levels[spread(levels, 3, 3) == 0.0], MOST_PALETTE, fewest).astype(float)
-    return fills if len(fills) else np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
+    return commonest(levels[spread(levels, 3, 3) == 0.0], MOST_PALETTE, fewest).astype(float)
 
 
 def _peaks(values: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:

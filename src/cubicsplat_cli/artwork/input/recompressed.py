@@ -31,9 +31,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import components
 
-# Levels by which pixels are off their fills, and those on edges: half a step of the coefficients that matter.
-MISFIT, EDGE_ERROR = 3.0, 4.0
-SMOOTHED = 2.0  # times the error of edges in a WebP, which are smoothed as it is decoded
+MISFIT = 3.0  # levels by which pixels are off their fills
 
 
 def before_compression(

@@ -47,9 +47,6 @@ JPEG_TIMES = 4.0  # times the noise by which pixels near a JPEG's edges are off
 NO_BLEND = 6.0  # times the misfit by which other colours are off; errors of rounding are bounded, so less tells there
 NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
-# Nats for a part, like those of a shape besides its outline, which is its neighbours' too; the most px of a part that
-# may be a neighbour's; and the most levels between their fills, a quarter of the scale: so far a JPEG's ringing goes.
-PART, MOST_JOINED, HIDDEN = SHAPE_PARAMETERS * PRICE, 64, 64.0
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
 THIN = 0.25  # least share of a thin line in the pixels on its middle
 SHARP_MISFIT = 2.0  # levels by which a picture is off its fills when it is made sharp again
@@ -85,8 +82,10 @@ def without_fragments(picture: FlatPicture, levels: np.ndarray, condition: Condi
         return picture
     space, sigma = seen_as(condition, sharp=True), misfit_of(condition)
     seen, fills = (levels @ space).astype(np.float32), palette @ space
-    costs = PART, NEIGHBOUR, sigma**2, OUTLIER**2, HIDDEN
-    joined = with_joined_parts(labels, seen, fills, MOST_JOINED, costs)
+    # A part costs as much as a shape besides its outline, which is its neighbours' too. Its fill may be 64 levels off
+    # that of a neighbour, a quarter of the scale: so far a JPEG's ringing goes.
+    costs = SHAPE_PARAMETERS * PRICE, NEIGHBOUR, sigma**2, OUTLIER**2, 64.0
+    joined = with_joined_parts(labels, seen, fills, 64, costs)
     changed = ndimage.binary_dilation(joined != labels, ndimage.SQUARE)
     painted = mixture_of(seen, fills, joined, sigma, 0.0).painted(palette)
     return FlatPicture(np.where(changed[..., None], painted, picture.levels), palette, joined)
@@ -118,6 +117,8 @@ def restored(
         palette = even_fills(levels)
     else:
         palette = noisy_fills(levels, (levels @ seen_as(condition)).astype(np.float32), condition)
+    if not len(palette):
+        palette = np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
     stored = levels
     if condition.jpeg and condition.halved:
         sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32), condition.halved)

@@ -38,8 +38,6 @@ LEAST_BEND = 0.5  # amount times squared radius in px of a narrow mask, which te
 LEAST_GAIN = 0.06
 SIDE = 7  # px of a profile on each side of its edge: a mask of 2 px changes nothing beyond
 PLACES = np.linspace(-0.6, 0.6, 13)  # px of an edge from the middle of its profile
-# Shares of the contrast, at most: between the rows beside a profile, and between two pixels at its ends.
-TILTED, UNEVEN = 0.6, 0.08
 EDGE_NOISE = 5.0  # levels by which pixels near edges are off in JPEGs of usual quality
 UNTOLD = 0.01  # weight of a pixel that is cut off at an end of the scale, where a JPEG keeps it apart by a few levels
 
@@ -128,7 +126,8 @@ def _best(cost: Callable[[UnsharpMask], float], unmasked: float) -> tuple[Unshar
 
 def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
     """Return profiles (n, 2 * SIDE + 1) of a picture (H, W, 4) across straight edges that are nearly upright or level,
-    at most 600, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends.
+    at most 600, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends: pixels there
+    differ by 0.08 of the contrast at most, and the rows beside a profile by 0.6.
     """
     reach, found = np.arange(-SIDE, SIDE + 1), list[np.ndarray]()
     for values, even in zip(_lines_of(levels[..., :3]), _lines_of(plain[..., :3]), strict=True):
@@ -139,8 +138,8 @@ def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
         lines, steep = even[y, x + reach], slopes[y, x + np.arange(-2, 1)]
         contrast = np.abs(lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1))
         told = (contrast >= CONTRAST) & (steep[:, 1] > steep[:, 0]) & (steep[:, 1] >= steep[:, 2])
-        told &= np.abs(even[y - 1, x + reach] - even[y + 1, x + reach]).max(axis=1) <= TILTED * contrast
-        told &= np.abs(np.diff(lines, axis=1)[:, [0, 1, -2, -1]]).max(axis=1) <= UNEVEN * contrast
+        told &= np.abs(even[y - 1, x + reach] - even[y + 1, x + reach]).max(axis=1) <= 0.6 * contrast
+        told &= np.abs(np.diff(lines, axis=1)[:, [0, 1, -2, -1]]).max(axis=1) <= 0.08 * contrast
         lines = values[y, x + reach][told]
         found.append(np.where(lines[:, :1] > lines[:, -1:], lines[:, ::-1], lines))
     profiles = np.concatenate(found)
