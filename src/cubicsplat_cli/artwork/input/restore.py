@@ -82,8 +82,8 @@ def without_fragments(picture: FlatPicture, levels: np.ndarray, condition: Condi
         return picture
     space, sigma = seen_as(condition, sharp=True), misfit_of(condition)
     seen, fills = (levels @ space).astype(np.float32), palette @ space
-    # A part costs as much as a shape besides its outline, which is its neighbours' too. Its fill may be 64 levels off
-    # that of a neighbour, a quarter of the scale: so far a JPEG's ringing goes.
+    # Parts of 64 px at most may be a neighbour's. Each costs as much as a shape besides its outline, which both have.
+    # Their fills are 64 levels apart at most, a quarter of the scale: so far a JPEG's ringing goes.
     costs = SHAPE_PARAMETERS * PRICE, NEIGHBOUR, sigma**2, OUTLIER**2, 64.0
     joined = with_joined_parts(labels, seen, fills, 64, costs)
     changed = ndimage.binary_dilation(joined != labels, ndimage.SQUARE)
