@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import FULL, widened
+from cubicsplat_cli.artwork.geometry.outlines import next_in_loops, thirds
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.raster import ndimage
@@ -57,10 +58,8 @@ class CellLayer:
     def rings(self) -> list[np.ndarray]:
         """Return the control points (3k, 2) float32 of each loop as cubics."""
         corners, ends = self.loops
-        after = np.arange(1, len(corners) + 1)
-        after[ends - 1] = np.concatenate([[0], ends[:-1]])
-        steps = (corners[after] - corners) / 3.0
-        points = np.stack([corners, corners + steps, corners + 2.0 * steps], axis=1)
+        after = corners[next_in_loops(_owners(ends))]
+        points = np.concatenate([corners[:, None], thirds(corners, after)], axis=1)
         return np.split(points.reshape(-1, 2).astype(np.float32), 3 * ends[:-1])
 
 
@@ -148,14 +147,14 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Each loop begins with a horizontal side. Outer loops run clockwise as seen, holes the other way.
     """
     loops = border_map(mask.astype(np.int32)).loops
-    owner = np.repeat(np.arange(len(loops.ends)), np.diff(loops.ends, prepend=0))
+    owner = _owners(loops.ends)
     own = (loops.owners == 1)[owner]
     (x, y, way), owner = loops.cracks[own].T, owner[own]
     # The last crack of a loop comes before its first one.
-    turns = way != way[_shifted(owner, -1)]
+    turns = way != way[np.argsort(next_in_loops(owner), kind="stable")]
     x, y, level, owner = x[turns], y[turns], way[turns] % 2 == 0, owner[turns]
     # Each begins with its uppermost horizontal side, the leftmost of several.
-    low = np.minimum(x, x[_shifted(owner, 1)])
+    low = np.minimum(x, x[next_in_loops(owner)])
     order = np.lexsort((low, y, ~level, owner))
     starts, counts = np.unique(owner, return_index=True, return_counts=True)[1:]
     heads = order[starts]
@@ -165,8 +164,6 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([x, y], axis=1)[np.lexsort((place, np.repeat(rank, counts)))], np.cumsum(counts[np.argsort(rank)])
 
 
-def _shifted(owner: np.ndarray, by: int) -> np.ndarray:
-    """Return (n,) for each element the next one (1) or the one before (-1) of its owner (n,), ascending, cyclically."""
-    starts, index, counts = np.unique(owner, return_index=True, return_inverse=True, return_counts=True)[1:]
-    first, count = starts[index], counts[index]
-    return first + (np.arange(len(owner)) - first + by) % count
+def _owners(ends: np.ndarray) -> np.ndarray:
+    """Return (n,) the number of the loop of each element, of loops with these ends (m,)."""
+    return np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))

@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, places_within, thirds, turned_to
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, next_in_loops, places_within, thirds, turned_to
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
 from cubicsplat_cli.artwork.shapes import Shape
@@ -52,12 +52,12 @@ def grid_rings(rings: Sequence[Ring], precision: int, exact: bool = False) -> li
     anchors, controls, lines, smooth = (np.concatenate(part) for part in parts)
     pieces = Ring(to_steps(anchors, precision), to_steps(controls, precision), lines.astype(bool), smooth.astype(bool))
     owner = np.repeat(np.arange(len(rings)), [ring.pieces for ring in rings])
-    moved = (pieces.anchors[_next_in_loops(owner)] != pieces.anchors).any(axis=1)
+    moved = (pieces.anchors[next_in_loops(owner)] != pieces.anchors).any(axis=1)
     bent = ~pieces.lines & (pieces.controls != pieces.anchors[:, None]).any(axis=(1, 2))
     pieces, owner = pieces.chosen(moved | bent), owner[moved | bent]
     pieces = pieces.chosen(_started_after_a_line(pieces, owner))
     if not exact:
-        pieces = replace(pieces, controls=smoothed(pieces, _next_in_loops(owner)))
+        pieces = replace(pieces, controls=smoothed(pieces, next_in_loops(owner)))
     ends = np.cumsum(np.bincount(owner, minlength=len(rings)))
     return [pieces.chosen(np.arange(first, end)) for first, end in pairwise([0, *ends.tolist()])]
 
@@ -90,15 +90,9 @@ class GridRings:
         add_ring(path, grid, self._exact, relative=_form_of(grid) in self._repeated)
 
 
-def _next_in_loops(owner: np.ndarray) -> np.ndarray:
-    """Return the number (n,) of the piece after each one in its loop. owner: (n,) ascending, the loop of each piece."""
-    last = np.diff(owner, append=-1) != 0
-    return np.where(last, np.searchsorted(owner, owner), np.arange(1, len(owner) + 1))
-
-
 def _started_after_a_line(ring: Ring, owner: np.ndarray) -> np.ndarray:
     """Return the order (A,) in which the first line of most digits, if any, ends its loop. owner: (A,) ascending."""
-    steps = np.abs(ring.anchors[_next_in_loops(owner)] - ring.anchors)
+    steps = np.abs(ring.anchors[next_in_loops(owner)] - ring.anchors)
     digits = np.where(steps > 0, 1.0 + np.log10(np.maximum(steps, 1)), 0.0).sum(axis=1)
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     sizes = np.diff(starts, append=len(owner))

@@ -269,6 +269,13 @@ def places_within(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
+def next_in_loops(owner: np.ndarray) -> np.ndarray:
+    """Return the number (n,) of the element after each one in its loop. owner: (n,) ascending, the loop of each."""
+    last, after = np.flatnonzero(np.diff(owner, append=-1)), np.arange(1, len(owner) + 1)
+    after[last] = np.append(0, last + 1)[:-1]
+    return after
+
+
 def feet_of(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places evenly along pieces, so many on each (S,): the piece (n,) int and the parameter (n,) in [0, 1]."""
     piece, place = places_within(sizes)

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
+    next_in_loops,
     pieces_of_rings,
     places_within,
     points_at,
@@ -69,9 +70,8 @@ def sources_from(
     """The pieces of rings, whose windings count, each of one of so many shapes and of an outline, and of the canvas."""
     canvas = Rectangle(0.0, 0.0, drawing.width, drawing.height).ring()
     rings, owners, outlines = [*rings, canvas], [*owners, count], [*outlines, canvas]
-    sizes = np.array([ring.pieces for ring in rings])
-    outline, place = places_within(sizes)
-    after = np.arange(len(outline)) - place + (place + 1) % sizes[outline]
+    outline = np.repeat(np.arange(len(rings)), [ring.pieces for ring in rings])
+    after = next_in_loops(outline)
     smooth = np.concatenate([ring.smooth for ring in rings])[after]
     return Sources(*pieces_of_rings(rings), np.array(owners)[outline], after, smooth, outline, tuple(outlines))
 
