@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.style import UNSEEN
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
+from cubicsplat_cli.scene.paint import colours_in
 
 # Px between the outlines of one shape in two frames, and px of a move that counts as none: less than edges show.
 SAME_PX = 1.0 / 3.0
@@ -80,10 +81,7 @@ def _painted_alike(first: Shape, second: Shape) -> bool:
         return False
     if first.stroke and second.stroke and abs(first.stroke.width - second.stroke.width) > SAME_PX:
         return False
-    colours = [
-        np.array([shape.fill] if shape.gradient is None else [stop.colour for stop in shape.gradient.stops])
-        for shape in (first, second)
-    ]
+    colours = [np.array(colours_in(shape.paint)) for shape in (first, second)]
     if colours[0].shape != colours[1].shape or len(first.outlines) != len(second.outlines):
         return False
     return bool(np.abs(colours[0] - colours[1]).max() <= UNSEEN)

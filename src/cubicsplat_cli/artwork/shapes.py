@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, e
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
-from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
+from cubicsplat_cli.scene.paint import Gradient, Paint, Rgba, mean_fill
 
 AnyLine = TypeVar("AnyLine", Outline, Path)
 PRICE = 4.0  # nats that a number of a drawing costs in its description
@@ -43,6 +43,11 @@ class Shape:
     group: str = ""
     shading: Scene | EmbeddedImage | None = None
     over: tuple[Gradient, ...] = ()
+
+    @property
+    def paint(self) -> Paint:
+        """Its gradient, or else its fill."""
+        return self.gradient or self.fill
 
     @property
     def paths(self) -> tuple[Path, ...]:

@@ -10,16 +10,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle, flattened, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, ground_shape
-from cubicsplat_cli.scene.paint import Gradient, Rgba
+from cubicsplat_cli.scene.paint import Paint, Rgba
 
 _ON_EDGE = 0.5  # px from the canvas' edge to the edge of a rectangle that covers the canvas, at most
 _MARGIN = 1.0  # px; shapes farther apart share no pixel, so they may change their order
-Paint = Rgba | Gradient
-
-
-def paint_of(shape: Shape) -> Paint:
-    """Return the fill or gradient of a shape."""
-    return shape.gradient or shape.fill
 
 
 def ground_of(drawing: Drawing) -> Paint | None:
@@ -29,7 +23,7 @@ def ground_of(drawing: Drawing) -> Paint | None:
         return None
     box = first[0]
     ends = box.x, box.y, drawing.width - box.x - box.width, drawing.height - box.y - box.height
-    return paint_of(drawing.shapes[0]) if max(ends) <= _ON_EDGE else None
+    return drawing.shapes[0].paint if max(ends) <= _ON_EDGE else None
 
 
 def on_ground(drawing: Drawing, fill: Rgba) -> Drawing:
@@ -43,7 +37,7 @@ def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
     """
     shapes = []
     for index, shape in enumerate(drawing.shapes):
-        if paint_of(shape) != ground or (index and not drawing.abutting):
+        if shape.paint != ground or (index and not drawing.abutting):
             shapes.append(shape)
         elif fill is not None:
             shapes.append(shape.filled(fill, drawing.width, drawing.height))
@@ -53,20 +47,20 @@ def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
 def by_lightness(drawing: Drawing) -> Drawing:
     """Return a cutout with its shapes in the order of a printer: by colour, the lightest first."""
     # Luma of Rec. 709.
-    luma = {paint_of(s): 0.2126 * s.fill[0] + 0.7152 * s.fill[1] + 0.0722 * s.fill[2] for s in drawing.shapes}
+    luma = {s.paint: 0.2126 * s.fill[0] + 0.7152 * s.fill[1] + 0.0722 * s.fill[2] for s in drawing.shapes}
     order = sorted(luma, key=lambda paint: -luma[paint])
-    return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order.index(paint_of(shape)))))
+    return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order.index(shape.paint))))
 
 
 def ranks_of(drawing: Drawing) -> np.ndarray:
     """Return (shapes,) the number of each shape's paint, in the order of first use."""
-    number_of = {paint: number for number, paint in enumerate(dict.fromkeys(map(paint_of, drawing.shapes)))}
-    return np.array([number_of[paint_of(shape)] for shape in drawing.shapes], dtype=np.int64)
+    number_of = {paint: number for number, paint in enumerate(dict.fromkeys(shape.paint for shape in drawing.shapes))}
+    return np.array([number_of[shape.paint] for shape in drawing.shapes], dtype=np.int64)
 
 
 def grouped_by_colour(drawing: Drawing) -> Drawing:
     """Return the drawing in groups of one paint: one for each in a cutout, else as few as the order allows."""
-    paints = [paint_of(shape) for shape in drawing.shapes]
+    paints = [shape.paint for shape in drawing.shapes]
     return _in_groups(drawing, paints, [colour_group(shape.fill) for shape in drawing.shapes])
 
 

@@ -89,6 +89,17 @@ class RadialGradient:
 
 
 Gradient = LinearGradient | RadialGradient
+Paint = Rgba | Gradient
+
+
+def colours_in(paint: Paint) -> list[Rgba]:
+    """Return the colours of a gradient's stops, or a fill alone."""
+    return [paint] if isinstance(paint, tuple) else [stop.colour for stop in paint.stops]
+
+
+def is_opaque(paint: Paint) -> bool:
+    """True if nothing shines through a paint."""
+    return all(colour[3] == 255 for colour in colours_in(paint))
 
 
 def _focal(focus: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
 from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.scene.paint import is_opaque
 from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT
 
 # Three shapes of one colour may be a head and two hands; this many are lettering or a pattern.
@@ -36,7 +37,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     them, so the picture stays the same. Shapes of different groups in the file, and those with shading, stay apart.
     """
     boxes = boxes_of(shapes).T.copy()
-    paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
+    paints = [(s.paint, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     sign = len({paint[:1] + paint[2:] for paint in paints}) <= FEW_PAINTS  # with any pens
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
@@ -46,7 +47,8 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     # Boxes that are written as paths, for their round corners.
     rounded = [isinstance(box := shape.outlines[0], Rectangle) and box.radius > MOST_ON_RECT for shape in shapes]
     joins = paths | dots | (filled & (sign | np.array(rounded, dtype=bool)))
-    free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
+    # Translucent shapes would look different where they overlap.
+    free = joins & np.array([is_opaque(shape.paint) for shape in shapes], dtype=bool)
     for k in np.flatnonzero(free).tolist():
         if _crosses(shapes[k]):
             beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
@@ -111,12 +113,6 @@ def primitive_of(shape: Shape) -> Circle | Ellipse | Rectangle | None:
         return None
     turned = not isinstance(path, Circle) and path.angle != 0.0
     return None if turned and shape.gradient is not None else path
-
-
-def _opaque(shape: Shape) -> bool:
-    """Return whether a shape is opaque; translucent shapes would look different where they overlap."""
-    fills = [shape.fill] if shape.gradient is None else [stop.colour for stop in shape.gradient.stops]
-    return all(fill[3] == 255 for fill in fills)
 
 
 def _crosses(shape: Shape) -> bool:

@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.shapes import FILL_PARAMETERS, PRICE, Drawing, Shape
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, Rgba
+from cubicsplat_cli.scene.paint import Gradient, Paint, Rgba, is_opaque
 
 ALONE = 0.99  # share of a pixel from which it shows a shape alone
 ROUNDED = 1.0 / 12.0  # levels^2 by which a picture's pixels are off at the least
@@ -43,7 +43,7 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
     height, width = levels.shape[:2]
     off = (levels - 255.0 * render_scene(scene_of(drawing)))[..., :3]
     seen, shapes = np.ones((height, width)), list(drawing.shapes)
-    others = list(dict.fromkeys(shape.gradient for shape in shapes if shape.gradient and _is_opaque(shape.gradient)))
+    others = list(dict.fromkeys(shape.gradient for shape in shapes if shape.gradient and is_opaque(shape.gradient)))
     for k, shape in reversed(list(enumerate(shapes))):
         window = shape.window()
         top, left = window[0].start, window[1].start
@@ -53,25 +53,21 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
         y, x = np.nonzero(share)
         # A damaged picture does not tell the colours of thin shapes well enough to give up their gradients.
         damaged = flat is not None and shape.gradient is not None
-        if damaged or not len(y) or shape.fill[3] < 255 or (shape.gradient and not _is_opaque(shape.gradient)):
+        if damaged or not len(y) or not is_opaque(shape.paint):
             continue
         shown = _Shown(x + left, y + top, share[y, x][:, None], off[window][y, x], shape)
-        paints: list[tuple[Rgba | Gradient, float]] = [*(shown.fills(flat) if drawing.gradients else ())]
+        paints: list[tuple[Paint, float]] = [*(shown.fills(flat) if drawing.gradients else ())]
         if flat is None and shape.stroke is None:
             # The errors of neighbouring pixels depend on each other, so that a gradient has to save more.
             paints += ((each, FILL_PARAMETERS / SHARE) for each in others if each != shape.gradient)
             paints += () if simpler else shown.gradient(levels)
-        lengths = [shown.length(shape.gradient or shape.fill), *(shown.length(*paint) for paint in paints)]
+        lengths = [shown.length(shape.paint), *(shown.length(*paint) for paint in paints)]
         if best := int(np.argmin(lengths)):
             paint = paints[best - 1][0]
             off[window][y, x] = shown.left(paint)
             canvas = width, height
             shapes[k] = shape.filled(paint, *canvas) if isinstance(paint, tuple) else shape.shaded(paint, *canvas)
     return replace(drawing, shapes=tuple(shapes))
-
-
-def _is_opaque(gradient: Gradient) -> bool:
-    return all(stop.colour[3] == 255 for stop in gradient.stops)
 
 
 @record
@@ -85,7 +81,7 @@ class _Shown:
     off: np.ndarray
     shape: Shape
 
-    def colours(self, paint: Rgba | Gradient) -> np.ndarray:
+    def colours(self, paint: Paint) -> np.ndarray:
         """Return the levels (n, 3) or (3,) of a paint."""
         if isinstance(paint, tuple):
             return np.array(paint[:3], dtype=float)
@@ -94,13 +90,13 @@ class _Shown:
     @cached_property
     def wanted(self) -> np.ndarray:
         """(n, 3) levels, times the share, of a paint that leaves no error."""
-        return self.off + self.share * self.colours(self.shape.gradient or self.shape.fill)
+        return self.off + self.share * self.colours(self.shape.paint)
 
-    def left(self, paint: Rgba | Gradient) -> np.ndarray:
+    def left(self, paint: Paint) -> np.ndarray:
         """Return (n, 3) levels that the picture is above the drawing with another paint."""
         return self.wanted - self.share * self.colours(paint)
 
-    def length(self, paint: Rgba | Gradient, parameters: float = 0.0) -> float:
+    def length(self, paint: Paint, parameters: float = 0.0) -> float:
         """Return the description length in nats of the errors with a paint, and of its parameters."""
         left = self.left(paint)
         return 0.5 * left.size * math.log(float((left**2).mean()) + ROUNDED) + PRICE * parameters

@@ -27,7 +27,7 @@ from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS, spread
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
-from cubicsplat_cli.scene.paint import Gradient, laid_over, painted
+from cubicsplat_cli.scene.paint import Gradient, is_opaque, laid_over, painted
 
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
 SHIFTS = APART * np.array(sorted(range(5, -6, -1), key=abs))
@@ -156,8 +156,7 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[tupl
     sums = [np.bincount(paint[inside], levels[inside][:, k], count) for k in range(4)]
     means = np.stack(sums, axis=1) / np.bincount(paint[inside], minlength=count)[:, None]
     for mean, (lowest, *_) in zip(means, gradients, strict=True):
-        translucent = any(stop.colour[3] < 255 for stop in lowest.stops)
-        alpha = float(np.clip(mean[3], APART, 255.0 - APART)) if translucent else 255.0
+        alpha = 255.0 if is_opaque(lowest) else float(np.clip(mean[3], APART, 255.0 - APART))
         fills.append(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha))
     # In a picture with noise small parts are no paints of their own.
     small = ndimage.binary_opening((paint < 0) & (spread(levels, 3, 3) <= 2.0 * FLAT_RANGE), ndimage.SQUARE)
