@@ -242,7 +242,7 @@ def test_what_was_given_up_on_request_is_no_detail(asked: dict[str, Any]) -> Non
 
 
 def test_a_small_picture_that_is_traced_by_pixels_gains_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vectorize, "or_finer", lambda drawing, *_: (drawing, None))
+    monkeypatch.setattr(vectorize, "or_finer", lambda outlined, *_: (outlined.unpainted, None))
     document = truth(DOTS + HATCH)
     target = picture(document).astype(np.float32)
     drawn = vectorize.draw(target)

@@ -12,6 +12,7 @@ from cubicsplat_cli.artwork.finish import polish
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.layers import completion
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regularities import regularities
@@ -58,7 +59,7 @@ def test_no_region_of_a_page_is_lost_whatever_happened_to_the_picture(error, cap
     palette = np.array([[40.0 * k, 255.0 - 40.0 * k, 90.0, 255.0] for k in range(6)])
     labels = np.kron(cells, np.ones((6, 6), dtype=int)).astype(np.int32)
     page = FlatPicture(palette[labels].astype(np.float32), palette, labels)
-    assert plan.planned(page, ArtworkSettings(), 1, error, None).regions.count > 2000
+    assert plan.planned(page, ArtworkSettings(), Condition(noise=error)).regions.count > 2000
     assert not caplog.text
 
 

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.gradients.bands import banded_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
 from cubicsplat_cli.artwork.input.chroma import mixture_of
-from cubicsplat_cli.artwork.input.condition import MISFIT
+from cubicsplat_cli.artwork.input.condition import MISFIT, Condition
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.recompressed import before_compression
@@ -22,7 +22,7 @@ from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, ShadowSides, find_regions
-from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ROUNDING, edge_positions
+from cubicsplat_cli.artwork.regions.sampling import ROUNDING, edge_positions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
@@ -113,25 +113,22 @@ class Plan:
 def planned(
     picture: FlatPicture,
     settings: ArtworkSettings,
-    factor: float,
-    error: float,
-    placeholders: np.ndarray | None,
-    share_error: float = FEW_SAMPLES,
+    condition: Condition,
+    placeholders: np.ndarray | None = None,
     shaded: Sequence[ShadowSides] = (),
 ) -> Plan:
     """Return the plan of a picture's drawing, with at most settings.curves parts.
 
-    factor: the enlargement of the finished drawing. error: in levels, of pixels on edges beyond that of a clean
-    picture. placeholders: (G, 4) fills of gradients, which no translucent shape changes; None for opaque shapes only.
-    share_error: of the shares of pixels that shapes cover. shaded: as of `stack`.
+    settings: with areas in px of the picture. condition: of its edges, once it is restored. placeholders: (G, 4) fills
+    of gradients, which no translucent shape changes; None for opaque shapes only. shaded: as of `stack`.
     """
-    min_area = settings.min_area / factor**2
+    min_area = settings.min_area
     while True:
         work().at("finding regions", 0.15)
         soft, fills, regions = _regions(picture, min_area)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
-        edges = edge_positions(soft, regions, ROUNDING + error, share_error)
+        edges = edge_positions(soft, regions, ROUNDING + condition.restored_error, condition.share_error)
         fixed = None
         if placeholders is not None:
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)

@@ -123,6 +123,13 @@ class Drawing:
         lines = (shape.outlines if shape.stroke is None else (shape.stroke,) for shape in self.shapes)
         return sum(line.coordinates for own in lines for line in own)
 
+    def painted(self) -> Drawing:
+        """Return the drawing whose placeholders become the mean colours of their gradients, each gradient a shape."""
+        shapes = list[Shape]()
+        for shape in self.shapes:
+            shapes += [shape.shaded(g, self.width, self.height) for g in (shape.gradient, *shape.over) if g] or [shape]
+        return replace(self, shapes=tuple(shapes))
+
 
 def ground_shape(fill: Rgba, width: int, height: int) -> Shape:
     """Return a rectangle of one fill over a whole canvas."""

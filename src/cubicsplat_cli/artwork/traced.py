@@ -18,14 +18,14 @@ from cubicsplat_cli.artwork.finish.state import State, begin
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.input.condition import OUTLIER
+from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all
 from cubicsplat_cli.artwork.layers.extents import Extent
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS
 from cubicsplat_cli.artwork.plan import Plan, planned
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills
-from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE, ROUNDING
+from cubicsplat_cli.artwork.regions.sampling import ROUNDING
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import PRICE, SHAPE_PARAMETERS, Drawing, Shape, scaled_outline, shape_name
 from cubicsplat_cli.progress import work
@@ -33,6 +33,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import border_map
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_labels, near_fills
+from cubicsplat_cli.record import record
 
 # The misfit of a pixel whose outline must be wrong; the share of blends with it in letters and thin lines, which larger
 # shapes never reach; how many times the regions a finer picture may have before it falls to pieces; the px^2 of its
@@ -82,39 +83,52 @@ def length(drawing: Drawing) -> float:
     return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in drawing.shapes)
 
 
-def or_finer(
-    drawing: Drawing,
-    goal: Goal,
-    plan: Plan,
-    settings: ArtworkSettings,
-    flat: Flattened,
-    placeholders: np.ndarray | None,
-    error: float,
-    smaller: float,
-) -> tuple[Drawing, State | None]:
-    """Return a traced drawing, or one traced in several steps a pixel if that makes the description of the picture
-    shorter; and its state, if known.
+@record
+class Outlined:
+    """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`. placeholders:
+    as of `planned`. smaller: by how many times its longer side is less than `vectorize.TRACED`, in px. unpainted: in
+    placeholders."""
 
-    The finer one is tried if many blends of fills are far off, as in small letters and thin lines. plan: of the
-    drawing, with the picture for the finer one. settings: with areas in px of that. placeholders: as of `planned`.
-    error: in levels, of the picture's pixels beyond their rounding. smaller: by how many times the share of blends that
-    suffice is smaller.
+    flat: Flattened
+    target: np.ndarray
+    error: float
+    placeholders: np.ndarray | None
+    plan: Plan
+    smaller: float
+    unpainted: Drawing
+
+    @property
+    def drawing(self) -> Drawing:
+        """The outlines in the mean colours of their gradients."""
+        return self.unpainted.painted()
+
+
+def or_finer(
+    outlined: Outlined, goal: Goal, levels: np.ndarray, settings: ArtworkSettings, error: float
+) -> tuple[Drawing, State | None]:
+    """Return traced outlines, or those traced in several steps a pixel if that makes the description of the picture
+    shorter; and their state, if known.
+
+    The finer ones are tried if many blends of fills are far off, as in small letters and thin lines; in smaller
+    pictures fewer suffice. levels: the picture for them, whose pixels are off by an error in levels beyond their
+    rounding. settings: with areas in its px.
     """
+    drawing, plan = outlined.unpainted, outlined.plan
     steps = steps_of(drawing.height, drawing.width)
     if steps == 1 or not 0 < drawing.segments <= MOST:
         return drawing, None
     state = begin(drawing, goal)
     blends = plan.fills.pure.ravel() < 0
-    if smaller * (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
+    if outlined.smaller * (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
         return drawing, state
     work().at("tracing finer")
     most = min(MORE * plan.regions.count, MOST_REGIONS)
-    picture = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, most)
+    picture = in_steps(levels, plan.fills, steps, ROUNDING + error, most)
     if picture is None:
         return drawing, state
     closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
-    plan = planned(picture, closer, 1, 0.0, placeholders, ONE_SAMPLE)
-    other = traced(plan, settings, flat, float(steps), steps)
+    plan = planned(picture, closer, Condition(aliased=True), outlined.placeholders)
+    other = traced(plan, settings, outlined.flat, float(steps), steps)
     nearer = begin(other, goal)
     # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
     falls = 0.5 * settings.detail * (state.stack.cost - nearer.stack.cost) * len(state.chance)

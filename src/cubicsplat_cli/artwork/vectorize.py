@@ -39,7 +39,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.limits import blocks_of
-from cubicsplat_cli.artwork.plan import Plan, as_if_clean, flat_fills, planned
+from cubicsplat_cli.artwork.plan import as_if_clean, flat_fills, planned
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
@@ -48,13 +48,12 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.artwork.shadows.slices import Shadows
-from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape, scaled_drawing
-from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing, scaled_drawing
+from cubicsplat_cli.artwork.traced import Outlined, length, or_finer, polygons, traced, with_pixels
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.stack import Goal
-from cubicsplat_cli.record import record
 
 # A clean picture whose longer side has fewer px than TRACED is traced in as many times the detail as it is smaller, to
 # SMALLEST: artists draw as many pieces at any size, and a surplus piece is easier to remove than to insert.
@@ -95,22 +94,27 @@ def versions(
     polygons, and without regions it is the drawing of a small copy.
     """
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
-    none_yet = True
+    scaled, none_yet = _in_px_of(prepared, settings), True
 
     def show(sketch: Drawing) -> None:
         on_sketch(_enlarged(sketch, prepared))
 
     with work().stoppable():
-        drawings = _with_its_shadow(prepared, settings, show)
-        for drawing in drawings or _fitted(*_likelier(prepared, settings), settings, show):
+        drawings = _with_its_shadow(prepared, scaled, show)
+        for drawing in drawings or _fitted(*_likelier(prepared, scaled), scaled, show):
             none_yet = False
             yield _enlarged(drawing, prepared)
     if none_yet:
         small = _small(target)
         with under_way(Work()):
             clean = Flattened(small.levels)
-            plan = planned(as_if_clean(clean, small, settings), settings, small.mean_scale, 0.0, None)
+            plan = planned(as_if_clean(clean, small, settings), _in_px_of(small, settings), small.condition)
         yield _enlarged(polygons(plan, clean), small)
+
+
+def _in_px_of(prepared: PreparedInput, settings: ArtworkSettings) -> ArtworkSettings:
+    """Return the settings with areas in px of the prepared levels."""
+    return replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
 
 
 def _small(target: np.ndarray) -> PreparedInput:
@@ -189,33 +193,13 @@ def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> flo
     return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing)
 
 
-@record
-class Outlined:
-    """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`. placeholders:
-    as of `planned`. smaller: by how many times its longer side is less than TRACED px. unpainted: in placeholders."""
-
-    flat: Flattened
-    target: np.ndarray
-    error: float
-    placeholders: np.ndarray | None
-    plan: Plan
-    smaller: float
-    unpainted: Drawing
-
-    @property
-    def drawing(self) -> Drawing:
-        """The outlines in the mean colours of their gradients."""
-        return _painted(self.unpainted)
-
-
 def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     """Return the outlines of a prepared picture."""
     condition = prepared.condition
     flat, picture, target, error = flat_fills(prepared, settings)
     # An unclean picture does not show blends well enough.
     placeholders = flat.fills if condition.clean and settings.may_overlap else None
-    off, share_off = condition.restored_error, condition.share_error
-    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, prepared.shaded)
+    plan = planned(picture, settings, condition, placeholders, prepared.shaded)
     smaller = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED)
     drawing = traced(plan, settings, flat, smaller if condition.clean else 1.0)
     return Outlined(flat, target, error, placeholders, plan, smaller, drawing)
@@ -240,7 +224,7 @@ def _fitted(
     """Yield the versions, in px of the prepared levels, of a picture's outlines."""
     drawing, goal = _finished(outlined, prepared, settings, on_sketch)
     for version in chain([drawing], () if goal is None else simpler(drawing, goal, settings.detail)):
-        painted = _painted(_with_strokes(version, goal, settings, outlined.error))
+        painted = _with_strokes(version, goal, settings, outlined.error).painted()
         leaks = None if prepared.condition.clean else outlined.flat
         simple = version is not drawing
         yield recoloured(painted, prepared.levels, leaks, simpler=simple) if settings.free_fills else painted
@@ -252,8 +236,6 @@ def _finished(
     """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before."""
     condition, plan, flat, target = prepared.condition, outlined.plan, outlined.flat, outlined.target
     drawing, goal, state = outlined.unpainted, None, None
-    scaled = replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
-
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Restored edges are less certain than those of the picture as it was read.
@@ -262,10 +244,9 @@ def _finished(
         errors = condition.share_error, outlined.error
         goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, *errors, plan.fills.banded)
         if not (condition.aliased or condition.blur or prepared.pens):
-            picture = replace(plan, levels=levels) if settings.free_fills else plan
-            known = outlined.placeholders, condition.restored_error, outlined.smaller
-            drawing, state = or_finer(drawing, goal, picture, scaled, flat, *known)
-        drawing = polish(drawing, goal, settings.detail, state, lambda fitted: on_sketch(_painted(fitted)))
+            sharp = levels if settings.free_fills else plan.levels
+            drawing, state = or_finer(outlined, goal, sharp, settings, condition.restored_error)
+        drawing = polish(drawing, goal, settings.detail, state, lambda fitted: on_sketch(fitted.painted()))
         if condition.clean and not (condition.aliased or grid):
             drawing = polish_closer(drawing, goal, settings.detail)
         drawing = regularised(drawing, goal, settings.detail, grid)
@@ -274,7 +255,7 @@ def _finished(
         # With chosen fills or fewer shapes no detail is missing by mistake.
         if settings.free_fills:
             work().at("adding details", 0.93)
-            drawing = with_added(drawing, goal, condition, settings.detail, scaled.min_area, settings.curves)
+            drawing = with_added(drawing, goal, condition, settings.detail, settings.min_area, settings.curves)
     return drawing, goal
 
 
@@ -282,7 +263,8 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings
     """Return a drawing with strokes, fitted to its goal, in place of shapes of even width: of all on request, else of
     those whose description becomes shorter; none in a cutout.
     """
-    if settings.strokes is False or settings.stacking == CUTOUT or (goal is None and not settings.strokes):
+    # Without a goal the work has stopped already.
+    if goal is None or settings.strokes is False or settings.stacking == CUTOUT:
         return drawing
     from cubicsplat_cli.artwork.strokes.find import as_strokes
     from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes, with_shared_pens
@@ -291,14 +273,13 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings
         work().at("finding strokes", 0.97)
         strokes = as_strokes(drawing, settings.detail, error, shorter=not settings.strokes)
         found = any(shape.stroke for shape in chain.from_iterable(strokes))
-        if not settings.strokes and goal is not None:
+        if not settings.strokes:
             shorter = shorter_strokes(drawing, strokes, goal, settings.detail) if found else drawing
             few_enough = len(shorter.shapes) <= (settings.curves or math.inf)
             drawing = with_shared_pens(shorter if few_enough else drawing, goal, settings.detail)
         elif found:
             drawing = replace(drawing, shapes=tuple(chain.from_iterable(strokes)))
-            if goal is not None:
-                drawing = fitted_strokes(drawing, goal)
+            drawing = fitted_strokes(drawing, goal)
     return drawing
 
 
@@ -306,19 +287,10 @@ def draw_flat(picture: FlatPicture) -> Drawing:
     """Return the drawing of a picture of flat fills, in exactly these fills."""
     settings = ArtworkSettings()
     work().at("finding regions", 0.1)
-    plan = planned(picture, settings, 1, 0.0, None)
+    plan = planned(picture, settings, Condition())
     drawing = traced(plan, settings, Flattened(plan.levels))
     with work().stoppable():
         goal = goal_of(plan.levels.astype(float) / 255.0)
         drawing = polish(drawing, goal)
         drawing = regularised(drawing, goal, settings.detail)
     return drawing  # noqa: RET504 (a stop leaves an earlier one)
-
-
-def _painted(drawing: Drawing) -> Drawing:
-    """Return a drawing whose placeholders become the mean colours of their gradients, each gradient a shape."""
-    size = drawing.width, drawing.height
-    shapes = list[Shape]()
-    for shape in drawing.shapes:
-        shapes += [shape.shaded(g, *size) for g in (shape.gradient, *shape.over) if g] or [shape]
-    return replace(drawing, shapes=tuple(shapes))
