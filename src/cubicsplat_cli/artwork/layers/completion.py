@@ -16,17 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import EXACT, Outline, Rectangle, Ring, level_box, polygon, turn_matrix
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
-from cubicsplat_cli.artwork.layers.ways import (
-    ALLOWED,
-    DEPTHS,
-    HIDDEN_SIGMA,
-    SLACK,
-    Completion,
-    HiddenLoop,
-    sides_meeting,
-    simply,
-    ways_on,
-)
+from cubicsplat_cli.artwork.layers.ways import ALLOWED, DEPTHS, SLACK, Completion, HiddenLoop, sides_meeting, ways_on
 from cubicsplat_cli.progress import work
 
 SEVERAL = 8  # hidden runs of a contour, beyond which only straight lines are tried, lest the trials are too many
@@ -95,7 +85,7 @@ def _outline(
     if len(points) < 2 * DOT:
         return few_lines(points)
     if seen or not sought:
-        return (yield points, _known(contour.sigma), None)
+        return (yield points, contour.known, None)
     return (yield from _completed(contour, window(), whole, astray))
 
 
@@ -109,7 +99,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
         return box
     loop = HiddenLoop(contour.points, contour.sigma, lambda points: len(window.wrong(polygon(points))), outer)
     whole = whole and len(runs) <= SEVERAL
-    left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
+    left = [ways_on(loop, run, whole) for run in runs]
     ways = [next(each) for each in left]
     open_runs = np.ones(len(runs), dtype=bool)
     best, least = None, np.inf
@@ -130,7 +120,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     assert best is not None
     if least > astray:
         # No way is hidden all along, or the fit has gone far astray: what is hidden ends where it does for certain.
-        certain = yield contour.points, _known(contour.sigma), np.zeros(len(contour.points), dtype=bool)
+        certain = yield contour.points, contour.known, np.zeros(len(contour.points), dtype=bool)
         for outline in (certain, few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
@@ -177,11 +167,6 @@ def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
     right, down = ((each + 0.5 < low) | (each + 0.5 > high) for each, low, high in zip(places, *ends, strict=True))
     hidden = (extent.allowed | extent.holes)[rows, columns]
     return bool((own & (down[:, None] | right) & ~hidden).any())
-
-
-def _known(sigma: np.ndarray) -> np.ndarray:
-    """Standard errors with which hidden points count as well."""
-    return np.where(np.isfinite(sigma), sigma, HIDDEN_SIGMA)
 
 
 def _with_corners(

@@ -20,6 +20,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask, misplaced
 from cubicsplat_cli.record import record
 
+HIDDEN_SIGMA = 0.5  # px, standard error of the points of a cubic, and of those along the edge of what hides an outline
 UNDERLAP = 3  # px that a layer reaches under its upper neighbours, so that no hairline shows
 
 
@@ -30,6 +31,11 @@ class Contour:
     points: np.ndarray
     sigma: np.ndarray
     hole: bool
+
+    @property
+    def known(self) -> np.ndarray:
+        """(n,) px, standard errors with which hidden points count as well."""
+        return np.where(np.isfinite(self.sigma), self.sigma, HIDDEN_SIGMA)
 
 
 @record

@@ -17,7 +17,7 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
-from cubicsplat_cli.artwork.layers.extents import Window
+from cubicsplat_cli.artwork.layers.extents import HIDDEN_SIGMA, Window
 from cubicsplat_cli.artwork.layers.stacking import REACH
 from cubicsplat_cli.raster.outlines import fewer_points, fewest_links, heading
 from cubicsplat_cli.record import record
@@ -27,7 +27,6 @@ HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, over 
 MOST_TRIED = 8  # cubics, those that bend least
 SAMPLES = 33  # places along a cubic where its curvature is measured
 ALLOWED = 1  # px that an outline may cover or leave wrongly
-HIDDEN_SIGMA = 0.5  # px, standard error of the points of a cubic, and of those along the edge of what hides an outline
 ROUND = 1.25 * math.pi  # radians by which a cubic turns at most
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
@@ -86,15 +85,19 @@ class HiddenLoop:
     room: Window
 
 
-def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
-    """Yield the ways to go on along a hidden run (m,), indices in order, the simplest first. The last is hidden."""
-    ends = ends_of(loop.points, loop.sigma, run)
-    meet = _meeting(*ends)
-    yield Completion(loop.points[run], np.inf, np.zeros(0, dtype=int))
-    sides = () if meet is None else _by_lines(run, ends, meet)
-    cubic = by_cubic(loop, run, ends)
-    yield from chain(sides, cubic) if ends[0].straight and ends[1].straight else chain(cubic, sides)
-    yield from simply(loop, run, ends)
+def ways_on(loop: HiddenLoop, run: np.ndarray, whole: bool) -> Iterator[Completion]:
+    """Yield the ways to go on along a hidden run (m,), indices in order, the simplest first. The last is hidden. whole:
+    not only by the fewest and shortest straight lines.
+    """
+    points, ends = loop.points[run], ends_of(loop.points, loop.sigma, run)
+    if whole:
+        meet = _meeting(*ends)
+        yield Completion(points, np.inf, np.zeros(0, dtype=int))
+        sides = () if meet is None else _by_lines(run, ends, meet)
+        cubic = by_cubic(loop, run, ends)
+        yield from chain(sides, cubic) if ends[0].straight and ends[1].straight else chain(cubic, sides)
+    for corners in chain(min_link_path(points, *ends, loop.room), [fewer_points(points, SLACK)]):
+        yield from _by_lines(run, ends, corners)
 
 
 def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
@@ -102,13 +105,6 @@ def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
     ends = ends_of(loop.points, loop.sigma, run)
     meet = _meeting(*ends) if ends[0].straight and ends[1].straight else None
     return None if meet is None else next(_by_lines(run, ends, meet), None)
-
-
-def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Completion]:
-    """Yield the ways by the fewest and shortest straight lines."""
-    points, ends = loop.points[run], ends or ends_of(loop.points, loop.sigma, run)
-    for corners in chain(min_link_path(points, *ends, loop.room), [fewer_points(points, SLACK)]):
-        yield from _by_lines(run, ends, corners)
 
 
 def by_cubic(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End]) -> Iterator[Completion]:
