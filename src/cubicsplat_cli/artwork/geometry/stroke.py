@@ -41,6 +41,11 @@ class Chain:
     lines: np.ndarray
     smooth: np.ndarray
 
+    @classmethod
+    def of(cls, pieces: Pieces) -> Chain:
+        """Return the chain that is fitted, as it stands."""
+        return cls(pieces.anchors, pieces.cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.joints.smooth.copy())
+
     @property
     def pieces(self) -> int:
         """A - 1, the number of lines and cubics."""
@@ -80,6 +85,10 @@ class Stroke:
         """Numbers of its path, and its width."""
         return self.path.coordinates + 1
 
+    def plan(self, cubics: np.ndarray, lines: np.ndarray) -> OffsetPlan:
+        """Return the plan of its outline along cubics (S, 4, 2) that have a length, lines (S,) bool of them."""
+        return OffsetPlan.of(cubics, lines, "closed" if self.closed else self.cap, self.join)
+
 
 def line_chain(points: np.ndarray) -> Chain:
     """The chain of straight lines through points (A, 2)."""
@@ -102,16 +111,6 @@ def pieces_of_chain(chain: Chain) -> Pieces:
     return pieces.moved(np.zeros(pieces.joints.variables))
 
 
-def chain_of_pieces(pieces: Pieces) -> Chain:
-    """An open outline as it stands."""
-    return Chain(pieces.anchors, pieces.cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.joints.smooth.copy())
-
-
-def plan_of(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke) -> OffsetPlan:
-    """The plan of the outline of a stroke along cubics (S, 4, 2) that have a length, lines (S,) bool of them."""
-    return OffsetPlan.of(cubics, lines, "closed" if stroke.closed else stroke.cap, stroke.join)
-
-
 def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     """The outline of a stroke, and of a closed one the hole too.
 
@@ -121,7 +120,7 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     if not len(cubics):
         assert isinstance(stroke.path, Chain)
         return (_dot(stroke.path.anchors[0], 0.5 * stroke.width, stroke.cap),)
-    found = plan_of(cubics, lines, stroke).outline(cubics, 0.5 * stroke.width)
+    found = stroke.plan(cubics, lines).outline(cubics, 0.5 * stroke.width)
     rings, straight = (np.split(each, found.ends[:-1]) for each in (found.cubics, found.lines))
     made = [ring_of_cubics(*own, smooth=False) for own in zip(rings, straight, strict=True)]
     areas = [signed_area(ring) for ring in made]

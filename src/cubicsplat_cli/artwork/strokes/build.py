@@ -48,18 +48,14 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float) -> list[Str
     strokes = [stroke for stroke in found if stroke is not None]
     if len(strokes) < len(found):
         return []
-    # Whoever draws several strokes gives them one cap; where it is hidden it may yet show beside what hides it.
-    shown = [not closed and _shows_cap(row, graph) for row, closed in rows]
+    # Whoever draws several strokes gives them one cap, that of free ends; where it is hidden it may yet show beside
+    # what hides it.
+    shown = [not closed and any(len(graph.at(_node(row, graph, end))) == 1 for end in (0, 1)) for row, closed in rows]
     free = [stroke.cap for stroke, own in zip(strokes, shown, strict=True) if own]
     usual = max(free, key=free.count) if free else BUTT
     capped = [s if own or s.closed else replace(s, cap=usual) for s, own in zip(strokes, shown, strict=True)]
     # Lines without corners are told apart from others by the same pen if their joins differ.
     return [s if s.join else replace(s, join=ROUND if s.cap == ROUND else MITER) for s in capped]
-
-
-def _shows_cap(row: list[Link], graph: Graph) -> bool:
-    """Return whether a row of branches has a free end."""
-    return any(len(graph.at(_node(row, graph, end))) == 1 for end in (0, 1))
 
 
 def _spaced(points: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION, parameter_price
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, feet_of
-from cubicsplat_cli.artwork.geometry.stroke import Chain, chain_of_pieces, line_chain
+from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.raster.cubics import Division, Joints, Pieces, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
@@ -45,7 +45,7 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     # The ends are off by as many px as a point is, and by as many radians.
     division, _ = divided_run(local, weights, (ends, tangents, np.full((2, 2), PRECISION)), price)
     pieces, _, _ = _pieces(division, ends).refined(points, weights, feet_of(division.sizes))
-    return chain_of_pieces(pieces)
+    return Chain.of(pieces)
 
 
 def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

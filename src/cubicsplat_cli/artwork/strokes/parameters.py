@@ -18,15 +18,7 @@ from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of, still_layer
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
-from cubicsplat_cli.artwork.geometry.stroke import (
-    Chain,
-    Stroke,
-    chain_of_pieces,
-    outlines_of_stroke,
-    pieces_of,
-    pieces_of_chain,
-    plan_of,
-)
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, outlines_of_stroke, pieces_of, pieces_of_chain
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import PEN, by_pens, length_of
@@ -47,7 +39,7 @@ class StrokeParameters:
 
     def __init__(self, stroke: Stroke, line: Pieces | Parameters, fixed: bool = False) -> None:
         self.line, self.fixed, self._stroke = line, fixed, stroke
-        self.plan = plan_of(line.cubics, line.lines, stroke)
+        self.plan = stroke.plan(line.cubics, line.lines)
         found = self.plan.outline(line.cubics, 0.5 * stroke.width)
         self.cubics, self.lines = found.cubics, found.lines
 
@@ -61,7 +53,7 @@ class StrokeParameters:
     @property
     def stroke(self) -> Stroke:
         """The stroke as it stands."""
-        path = chain_of_pieces(self.line) if isinstance(self.line, Pieces) else self.line.outline()
+        path = Chain.of(self.line) if isinstance(self.line, Pieces) else self.line.outline()
         return replace(self._stroke, path=path)
 
     @cached_property
