@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented, pieces_of_rings
+from cubicsplat_cli.artwork.channels import widened
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, pieces_of_rings, turned_to
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
@@ -55,8 +56,10 @@ class Shape:
         return self.outlines if self.stroke is None else (self.stroke.path,)
 
     def oriented(self, arcs: int = 4) -> tuple[Ring, ...]:
-        """Return the rings of the outlines for the nonzero rule, see `oriented`. arcs: the cubics of a whole turn."""
-        return oriented([outline.ring(arcs) for outline in self.outlines])
+        """Return the rings of the outlines, the first one clockwise as seen and the others the other way: the nonzero
+        rule leaves holes empty. arcs: the cubics of a whole turn.
+        """
+        return tuple(turned_to(outline.ring(arcs), index == 0) for index, outline in enumerate(self.outlines))
 
     def filled(self, fill: Rgba, width: int, height: int) -> Shape:
         """Return the shape in a flat fill, with its name on a canvas of width x height px."""
@@ -81,11 +84,15 @@ class Shape:
         (left, top), (right, bottom) = np.floor(low), np.ceil(high)
         return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
 
-    def window(self) -> tuple[slice, slice]:
-        """Return the rows and columns of its box, from 0."""
+    def covered(self, size: tuple[int, ...], room: int = 0) -> tuple[tuple[slice, slice], np.ndarray]:
+        """Return the rows and columns of a canvas of size (H, W) that its box reaches, with `room` px around them, and
+        the share (h, w) of each pixel of these that the outlines cover.
+        """
         box = self.box()
-        rows, columns = ((int(start), int(start + size)) for start, size in ((box.y, box.height), (box.x, box.width)))
-        return slice(max(0, rows[0]), max(0, rows[1])), slice(max(0, columns[0]), max(0, columns[1]))
+        ends = np.maximum([[box.y, box.y + box.height], [box.x, box.x + box.width]], 0.0).astype(int).tolist()
+        rows, columns = window = widened(tuple(slice(*each) for each in ends), room, size)
+        sides = (max(side.stop - side.start, 0) for side in window)  # none beyond the canvas
+        return window, self.coverage(rows.start, columns.start, *sides)
 
 
 @dataclass(frozen=True)

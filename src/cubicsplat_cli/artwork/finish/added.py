@@ -11,19 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.finish.proposals import MARGIN, Area, Canvas, Placed, TargetPicture, areas, proposals
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
-from cubicsplat_cli.artwork.finish.state import (
-    UNSEEN,
-    WHITE,
-    Layer,
-    State,
-    layers_of,
-    premultiplied,
-    still_layer,
-)
+from cubicsplat_cli.artwork.finish.state import UNSEEN, WHITE, Layer, State, layers_of, premultiplied, still_layer
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE
@@ -215,7 +206,5 @@ def _floor(way: _Explanation) -> float:
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
     """The window of a canvas (rows, columns) that a shape blurred to `reach` px changes, and its pixels (h, w) bool."""
-    rows, columns = window = widened(shape.window(), reach, size)
-    sides = [max(side.stop - side.start, 0) for side in window]  # beyond the canvas it changes nothing
-    own = shape.coverage(rows.start, columns.start, *sides) > 0.0
-    return window, ndimage.binary_dilation(own, ndimage.SQUARE, reach) if reach else own
+    window, share = shape.covered(size, reach)
+    return window, ndimage.binary_dilation(share > 0.0, ndimage.SQUARE, reach) if reach else share > 0.0

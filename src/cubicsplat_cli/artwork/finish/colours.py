@@ -45,9 +45,8 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
     seen, shapes = np.ones((height, width)), list(drawing.shapes)
     others = list(dict.fromkeys(shape.gradient for shape in shapes if shape.gradient and is_opaque(shape.gradient)))
     for k, shape in reversed(list(enumerate(shapes))):
-        window = shape.window()
+        window, own = shape.covered(seen.shape)
         top, left = window[0].start, window[1].start
-        own = shape.coverage(top, left, *seen[window].shape)
         share = own * seen[window]
         seen[window] *= 1.0 - own * (shape.fill[3] / 255.0)
         y, x = np.nonzero(share)

@@ -92,11 +92,6 @@ def level_box(ring: Ring, off: float = 0.0) -> Rectangle | None:
     return Rectangle(*low.tolist(), *(high - low).tolist()) if level else None
 
 
-def oriented(rings: Sequence[Ring]) -> tuple[Ring, ...]:
-    """Rings with the first one clockwise as seen, and the others the other way: the nonzero rule leaves holes empty."""
-    return tuple(turned_to(ring, index == 0) for index, ring in enumerate(rings))
-
-
 def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
     points = points_at(pieces_of_rings(rings)[0], np.linspace(0.0, 1.0, 65)).reshape(-1, 2)

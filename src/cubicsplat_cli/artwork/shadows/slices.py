@@ -218,7 +218,6 @@ def _owners(drawing: Drawing) -> np.ndarray:
     """Return (H, W) int the number of the uppermost shape that covers half of each pixel, -1 for none."""
     out = np.full((drawing.height, drawing.width), -1)
     for number, shape in enumerate(drawing.shapes):
-        rows, columns = shape.window()
-        seen = out[rows, columns]
-        seen[shape.coverage(rows.start, columns.start, *seen.shape) >= 0.5] = number
+        window, share = shape.covered(out.shape)
+        out[window][share >= 0.5] = number
     return out
