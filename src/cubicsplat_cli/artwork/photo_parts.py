@@ -103,10 +103,8 @@ def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:
     if part.rectangular:
         flat[part.window] = part.stand_in
         return
-    whole = np.zeros(flat.shape[:2], dtype=bool)
-    whole[part.window] = part.mask
-    around = widened(part.window, 1, whole.shape)
-    crop, mask = flat[around], whole[around]
+    wide = part.padded(1, flat.shape)
+    crop, mask = flat[wide.window], wide.mask
     edge = mask & ndimage.binary_dilation(~mask, ndimage.SQUARE)
     inner = mask & ~ndimage.binary_dilation(edge, ndimage.SQUARE)
     outside, inside = _continued(crop, ~mask), _continued(crop, inner)
@@ -114,7 +112,7 @@ def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:
     apart = inside - outside
     share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), FLAT_RANGE**2)
     covered = np.where(edge, np.clip(share, 0.0, 1.0), mask)[..., None]
-    flat[around] = covered * part.stand_in + (1.0 - covered) * outside
+    flat[wide.window] = covered * part.stand_in + (1.0 - covered) * outside
 
 
 def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -167,7 +165,7 @@ def _photos(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
             window, mask = whole, _mask_of(own, even, whole)
         if min(mask.shape) >= LEAST_SIDE and 2 * mask.sum() >= LEAST_SIDE**2:
             top, left = (side.start for side in window)
-            part = PhotoPart(top, left, mask, _stand_in(levels, window, mask, parts))
+            part = PhotoPart(top, left, mask, _stand_in(levels, Patch(top, left, mask), parts))
             if _is_photo(levels, part):
                 parts.append(part)
                 taken |= own
@@ -229,12 +227,10 @@ def _mask_of(own: np.ndarray, even: np.ndarray, window: Window) -> np.ndarray:
     return np.asarray(ndimage.binary_fill_holes(wide & free))
 
 
-def _stand_in(levels: np.ndarray, window: Window, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
-    """Return (3,) levels unlike those around a mask in a window, and those of others: alike, parts could unite."""
-    around = np.ones(levels.shape[:2], dtype=bool)
-    around[window] = ~mask
-    wide = widened(window, FRAME, around.shape)
-    near = levels[wide][around[wide]]
+def _stand_in(levels: np.ndarray, patch: Patch, others: list[PhotoPart]) -> np.ndarray:
+    """Return (3,) levels unlike those around a patch, and those of others: alike, parts could unite."""
+    wide = patch.padded(FRAME, levels.shape)
+    near = levels[wide.window][~wide.mask]
     corners = np.array(np.meshgrid(*[(0.0, 255.0)] * 3)).reshape(3, -1).T
     used = [(corners == other.stand_in).all(axis=1) for other in others]
     far = [largest(np.abs(near - corner)).min(initial=255.0) for corner in corners]

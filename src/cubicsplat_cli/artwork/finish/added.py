@@ -50,7 +50,7 @@ def with_added(
         if len(after.found) >= len(trials.found) and after.error > LEFT * trials.error:
             break  # such as the colour fringes of text for an LCD: shapes do not explain what is there
         trials = after
-    left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
+    left = [area.size for area in trials.found if area.size >= SEEN]
     if left:
         log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
     # Without anti-aliasing, a dot of one pixel may be meant.
@@ -146,8 +146,8 @@ class _Trials:
             for (k, _), each in zip(some, tried, strict=True):
                 shapes[k].append(each)
             for k, own in shapes.items():
-                around = ndimage.binary_dilation(found[k].where, ndimage.SQUARE, MARGIN)
-                out[k].append(_Explanation(own, float(falls[found[k].rows, found[k].columns][around].sum())))
+                around = ndimage.binary_dilation(found[k].mask, ndimage.SQUARE, MARGIN)
+                out[k].append(_Explanation(own, float(falls[found[k].window][around].sum())))
         return out
 
     def _tried(self, new: list[Placed], rounds: int) -> tuple[list[tuple[Placed, _Change]], np.ndarray]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
+from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import OUTER, UNLIKE, has_border, modes, ringing
@@ -43,12 +44,9 @@ SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
 
 
 @record
-class Area:
-    """rows, columns: its window on the canvas. where: (h, w) bool, its pixels. weight: what it adds to the error."""
+class Area(Patch):
+    """Pixels of a canvas. weight: what they add to the error."""
 
-    rows: slice
-    columns: slice
-    where: np.ndarray
     weight: float
 
 
@@ -86,14 +84,14 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
     # Where most of it lies on the canvas's rim, whose pixels blend with what is beyond, a JPEG rings beside these.
     inner, unlike = gap if condition.clean else np.pad(gap[1:-1, 1:-1], 1), []
     for number, box in enumerate(ndimage.find_objects(parts), start=1):
-        rows, columns = widened(box, reach, gap.shape)
-        pixels = where[rows, columns] & (parts[rows, columns] == number)
-        off = gap[rows, columns][pixels]
+        rows, columns = window = widened(box, reach, gap.shape)
+        pixels = where[window] & (parts[window] == number)
+        off = gap[window][pixels]
         weight = float((off**2).sum())
-        if off.sum() < picture.least or 2.0 * (inner[rows, columns][pixels] ** 2).sum() <= weight:
+        if off.sum() < picture.least or 2.0 * (inner[window][pixels] ** 2).sum() <= weight:
             continue
-        if not condition.noise or has_border(gap[rows, columns, None], pixels, ~where[rows, columns]):
-            unlike.append(Area(rows, columns, pixels, weight))
+        if not condition.noise or has_border(gap[window][..., None], pixels, ~where[window]):
+            unlike.append(Area(rows.start, columns.start, pixels, weight))
     return sorted(unlike, key=lambda area: -area.weight)
 
 
@@ -119,15 +117,15 @@ class Canvas:
 
 def proposals(area: Area, picture: TargetPicture, canvas: Canvas, detail: float) -> Iterator[list[Placed]]:
     """The ways to explain an area of a picture by shapes over what is painted."""
-    window, condition = (area.rows, area.columns), picture.condition
+    window, condition = area.window, picture.condition
     values, ground = picture.levels[window].astype(float), canvas.painted[window].astype(float)
-    inner = ndimage.binary_erosion(area.where, ndimage.SQUARE)
+    inner = ndimage.binary_erosion(area.mask, ndimage.SQUARE)
     if condition.noise:
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
-    near = ndimage.binary_dilation(area.where, ndimage.SQUARE, 2)
+    near = ndimage.binary_dilation(area.mask, ndimage.SQUARE, 2)
     # The uppermost shapes that cover half or more of each pixel, and that show in it; -1 for none.
     owners, touching = (canvas.stack.uppermost(*window, share) for share in (0.5, SHOWS))
-    for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=condition.clean):
+    for colours in _colours(values, ground, area.mask, inner, canvas.palette, pure=condition.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
             shares[k][near], rest[k][near] = blend_with(values[near], colour, ground[near], ground[near])
@@ -135,7 +133,7 @@ def proposals(area: Area, picture: TargetPicture, canvas: Canvas, detail: float)
         found: list[Placed] = []
         for k, colour in enumerate(colours):
             share = np.where(near & (best == k), shares[k], 0.0)
-            cover = _cover(share, area.where, condition.blur)
+            cover = _cover(share, area.mask, condition.blur)
             if cover.any():
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
                 drawn, fill = _Drawn(area, share, cover, owners, touching, canvas), eight_bit(colour)
@@ -190,7 +188,7 @@ class _Drawn:
         share = np.where(ndimage.binary_dilation(own, ndimage.SQUARE), self.share, 0.0)
         profiles = share.sum(axis=0), share.sum(axis=1)
         x, y = (float(each @ (np.arange(len(each)) + 0.5) / each.sum()) for each in profiles)
-        x, y = x + self.area.columns.start, y + self.area.rows.start
+        x, y = x + self.area.left, y + self.area.top
         sides = [int(own.any(axis=axis).sum()) for axis in (0, 1)]
         if min(sides) > 1 or max(sides) < LINE:
             return Circle(x, y, math.sqrt(float(share.sum()) / math.pi))
@@ -201,7 +199,7 @@ class _Drawn:
 
     def _placed(self, extent: Extent) -> Extent:
         """An extent of the window on the canvas."""
-        corner = np.array([self.area.columns.start, self.area.rows.start])
+        corner = np.array([self.area.left, self.area.top])
         contours = tuple(replace(each, points=each.points + corner) for each in extent.contours)
         return replace(extent, top=extent.top + corner[1], left=extent.left + corner[0], contours=contours)
 
