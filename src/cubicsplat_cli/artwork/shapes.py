@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, e
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
-from cubicsplat_cli.scene.paint import Gradient, Paint, Rgba, mean_fill
+from cubicsplat_cli.scene.paint import Gradient, Paint, Rgba, colours_in, mean_fill
 
 AnyLine = TypeVar("AnyLine", Outline, Path)
 PRICE = 4.0  # nats that a number of a drawing costs in its description
@@ -61,14 +61,14 @@ class Shape:
         """
         return tuple(turned_to(outline.ring(arcs), index == 0) for index, outline in enumerate(self.outlines))
 
-    def filled(self, fill: Rgba, width: int, height: int) -> Shape:
-        """Return the shape in a flat fill, with its name on a canvas of width x height px."""
-        return replace(self, fill=fill, gradient=None, name=shape_name(fill, self.outlines, width, height))
-
-    def shaded(self, gradient: Gradient, width: int, height: int) -> Shape:
-        """Return the shape in a gradient alone, or in a fill if that has one colour, named as by `filled`."""
-        plain = replace(self.filled(mean_fill(gradient), width, height), over=())
-        return plain if len({stop.colour for stop in gradient.stops}) == 1 else replace(plain, gradient=gradient)
+    def filled(self, paint: Paint, width: int, height: int) -> Shape:
+        """Return the shape in a paint alone, a fill if that has one colour, with its name on a canvas of width x height
+        px.
+        """
+        fill, gradient = (paint, None) if isinstance(paint, tuple) else (mean_fill(paint), paint)
+        gradient = gradient if len(set(colours_in(paint))) > 1 else None
+        name = shape_name(fill, self.outlines, width, height)
+        return replace(self, fill=fill, gradient=gradient, over=(), name=name)
 
     def stroked(self, stroke: Stroke) -> Shape:
         """Return the shape as a stroke."""
@@ -134,7 +134,7 @@ class Drawing:
         """Return the drawing whose placeholders become the mean colours of their gradients, each gradient a shape."""
         shapes = list[Shape]()
         for shape in self.shapes:
-            shapes += [shape.shaded(g, self.width, self.height) for g in (shape.gradient, *shape.over) if g] or [shape]
+            shapes += [shape.filled(g, self.width, self.height) for g in (shape.gradient, *shape.over) if g] or [shape]
         return replace(self, shapes=tuple(shapes))
 
 

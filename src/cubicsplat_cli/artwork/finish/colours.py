@@ -64,8 +64,7 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
         if best := int(np.argmin(lengths)):
             paint = paints[best - 1][0]
             off[window][y, x] = shown.left(paint)
-            canvas = width, height
-            shapes[k] = shape.filled(paint, *canvas) if isinstance(paint, tuple) else shape.shaded(paint, *canvas)
+            shapes[k] = shape.filled(paint, width, height)
     return replace(drawing, shapes=tuple(shapes))
 
 
