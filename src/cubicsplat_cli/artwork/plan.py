@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
-from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
+from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, ShadowSides, find_regions
 from cubicsplat_cli.artwork.regions.sampling import ROUNDING, edge_positions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
@@ -86,8 +86,6 @@ def as_if_clean(flat: Flattened, prepared: PreparedInput, settings: ArtworkSetti
 def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
     """Return a clean picture in at most as many colours as requested, and in the near ones of the palette."""
     levels = picture.levels
-    if picture.palette is None:
-        picture = replace(picture, palette=picture_fills(levels))
     regions = find_regions(picture)
     _, first, number = np.unique(regions.fill_of, return_index=True, return_inverse=True)
     fills, labels = regions.fills[first], number[regions.labels]
@@ -151,6 +149,4 @@ def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFi
         soft, limit = ndimage.gaussian_filter(soft, (BLUR, BLUR, 0.0), mode="nearest"), MOST_COMPLETED
         picture = replace(picture, levels=soft, labels=None)
     most = None if picture.palette is None else len(picture.palette)
-    if most is None:
-        picture = replace(picture, palette=picture_fills(soft))
     return soft, *bounded_regions(picture, min_area, most, limit)

@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.regions.fills import (
     commoner_fills,
     flat_pixels,
     has_square,
+    picture_fills,
 )
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
@@ -131,7 +132,7 @@ class PixelFills:
 
 
 def find_regions(picture: FlatPicture) -> Regions:
-    """The regions of a picture with a palette, but for specks, by its `pixel_fills`."""
+    """The regions of a picture, but for specks, by its `pixel_fills`."""
     return pixel_fills(picture).regions(0.0)
 
 
@@ -139,8 +140,8 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     """The fills of a picture: of its palette, and those that only thin lines and small details have; with these no more
     than `most`, where that is not None. Where its labels are known the palette has them all.
     """
-    levels, palette = picture.levels, picture.palette
-    assert palette is not None
+    levels = picture.levels
+    palette = picture_fills(levels) if picture.palette is None else picture.palette
     if picture.labels is None:
         palette, pure, banded = _with_missing_fills(levels, palette, most)
         palette, pure, lined = with_pixel_lines(levels, palette, pure, most)
