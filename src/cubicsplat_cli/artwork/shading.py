@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -188,6 +187,10 @@ class Surface:
     mask: np.ndarray
     colours: np.ndarray
 
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the colours (n, 4) at columns and rows (n,)."""
+        return self.colours[y, x]
+
 
 def surfaces_of(levels: np.ndarray, condition: Condition) -> list[Surface]:
     """Return the opaque surfaces of a picture (H, W, 4), premultiplied levels, of a condition, the largest first."""
@@ -229,12 +232,7 @@ def without_surfaces(
     paint = np.where(parts > 0, parts + len(surfaces) - 1, -1).astype(np.int32)
     for number, surface in enumerate(surfaces):
         paint[surface.mask] = number
-    colours = [partial(_at, surface.colours) for surface in surfaces]
-    return with_placeholders(levels, paint, colours, fills, line), fills
-
-
-def _at(colours: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return colours[y, x]
+    return with_placeholders(levels, paint, [surface.at for surface in surfaces], fills, line), fills
 
 
 def shown(drawing: Drawing) -> list[np.ndarray]:

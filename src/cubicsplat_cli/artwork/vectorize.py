@@ -127,8 +127,6 @@ def _small(target: np.ndarray) -> PreparedInput:
 def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
     """Return a drawing of prepared levels in px of the picture."""
     across, down = prepared.scale
-    if across == down == 1.0:
-        return drawing
     whole = scaled_drawing(drawing, round(drawing.width * across), round(drawing.height * down))
     return replace(whole, width=prepared.width, height=prepared.height)
 

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Rectangle,
     Ring,
     following,
+    pieces_of_rings,
     polygon_lengths,
     turn_matrix,
 )
@@ -174,8 +175,7 @@ class Still:
 
     def __init__(self, outline: Outline) -> None:
         self._outline = outline
-        ring = outline.ring(FINE)
-        self.cubics, self.lines = ring.cubics, ring.lines
+        self.cubics, self.lines = pieces_of_rings([outline.ring(FINE)])
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
     def moved(self, _step: np.ndarray) -> Still:
@@ -204,7 +204,7 @@ class PrimitiveParameters:
         if not isinstance(shape, Circle):
             self.free[-1] = shape.angle != 0.0
         self.free &= ~pinned
-        self.cubics, self.lines = drawn or _drawn(shape)
+        self.cubics, self.lines = drawn or pieces_of_rings([shape.ring(FINE)])
 
     @cached_property
     def jacobian(self) -> SparseRows:
@@ -226,11 +226,6 @@ class PrimitiveParameters:
 
     def outline(self) -> Outline:
         return self.shape
-
-
-def _drawn(shape: Circle | Ellipse | Rectangle) -> tuple[np.ndarray, np.ndarray]:
-    ring = shape.ring(FINE)
-    return ring.cubics, ring.lines
 
 
 def _numbers(shape: Circle | Ellipse | Rectangle) -> list[float]:

@@ -43,6 +43,11 @@ class Borders:
     ends: np.ndarray
     cycles: Cycles
 
+    def place(self, end: Link) -> tuple[int, float]:
+        """Return the piece on which an end of a run (run, 0 or 1) lies, and the parameter there."""
+        run = self.runs[end[0]]
+        return run.piece, run.t[end[1]]
+
 
 def borders_of(faces: Faces, region: np.ndarray, sources: Sources) -> Borders:
     """The borders between the regions (F,) of a planar map."""
@@ -146,7 +151,13 @@ def edges_of_borders(borders: Borders, faces: Faces, sources: Sources) -> Edges:
     for number in np.flatnonzero(~gone).tolist():
         a, b = (places[int(cluster[borders.ends[number, k]])] for k in (0, 1))
         cubics[number], lines[number] = _between(borders.runs[number], a, b, sources)
-    pairs = [pair for found in ends.values() for pair in _smooth_pairs(found, borders, sources)]
+    # Ends at a node go on smoothly that are of one piece that was cut, or of two that were joined so.
+    pairs = [
+        (a, b)
+        for found in ends.values()
+        for a, b in combinations(found, 2)
+        if a[0] != b[0] and _smooth(*borders.place(a), *borders.place(b), sources)
+    ]
     return Edges(cubics, lines, gone, pairs)
 
 
@@ -175,7 +186,7 @@ def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
 def _place(node: int, ends: list[Link], borders: Borders, faces: Faces, sources: Sources) -> np.ndarray:
     """(2,) px: an anchor of the uppermost shape that runs through a node, else where that crosses another."""
     vertex = faces.vertices[node] / GRID
-    found = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
+    found = [*map(borders.place, ends)]
     top = max(int(sources.shape[piece]) for piece, _ in found)
     upper = [each for each in found if sources.shape[each[0]] == top]
     for piece, t in upper:
@@ -234,16 +245,6 @@ def _between(run: Run, a: np.ndarray, b: np.ndarray, sources: Sources) -> tuple[
     part[2] += b - part[3]
     part[0], part[3] = a, b
     return part, False
-
-
-def _smooth_pairs(ends: list[Link], borders: Borders, sources: Sources) -> list[tuple[Link, Link]]:
-    """Pairs of ends at a node that go on smoothly: of one piece that was cut, or of two that were joined so."""
-    places = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
-    return [
-        (ends[i], ends[j])
-        for i, j in combinations(range(len(ends)), 2)
-        if ends[i][0] != ends[j][0] and _smooth(*places[i], *places[j], sources)
-    ]
 
 
 def _smooth(p: int, t: float, q: int, u: float, sources: Sources) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
 
@@ -121,19 +121,18 @@ def _tidied(graph: Graph, width: float) -> Graph:
             for other in branches:
                 start, end = (a if node == b else node for node in other.nodes)
                 other.nodes = start, end
-    return Graph(_joined(branches, places), places)
+    return _joined(Graph(branches, places))
 
 
-def _joined(branches: list[Branch], places: np.ndarray) -> list[Branch]:
-    """Return the branches, those in one where only two meet."""
-    graph = Graph(branches, places)
-    joined = []
-    for row, closed in rows_of(range(len(branches)), pairs_of(map(graph.at, range(len(places))))):
+def _joined(graph: Graph) -> Graph:
+    """Return the graph with branches in one where only two meet."""
+    branches, joined = graph.branches, list[Branch]()
+    for row, closed in rows_of(range(len(branches)), pairs_of(map(graph.at, range(len(graph.places))))):
         points = np.concatenate([branches[b].points[:: -1 if end else 1] for b, end in row])
         (first, start), (last, entered) = row[0], row[-1]
         ends = branches[first].nodes[start], branches[last].nodes[1 - entered]
         joined.append(Branch(points, (-1, -1) if closed else ends))
-    return joined
+    return replace(graph, branches=joined)
 
 
 @record
