@@ -145,7 +145,7 @@ OVERLAPS = {
 
 def grown(drawing: Drawing, reach: float) -> tuple[Drawing, Drawing]:
     cut = structure.by_lightness(cut_out(drawing, 2))
-    return cut, overlapping(cut, structure.ranks_of(cut), reach, 2)
+    return cut, overlapping(cut, reach, 2)
 
 
 @pytest.mark.parametrize("name", OVERLAPS)

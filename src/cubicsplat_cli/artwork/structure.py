@@ -52,12 +52,6 @@ def by_lightness(drawing: Drawing) -> Drawing:
     return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order.index(shape.paint))))
 
 
-def ranks_of(drawing: Drawing) -> np.ndarray:
-    """Return (shapes,) the number of each shape's paint, in the order of first use."""
-    number_of = {paint: number for number, paint in enumerate(dict.fromkeys(shape.paint for shape in drawing.shapes))}
-    return np.array([number_of[shape.paint] for shape in drawing.shapes], dtype=np.int64)
-
-
 def grouped_by_colour(drawing: Drawing) -> Drawing:
     """Return the drawing in groups of one paint: one for each in a cutout, else as few as the order allows."""
     paints = [shape.paint for shape in drawing.shapes]
@@ -103,11 +97,8 @@ def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str])
 
 def boxes_of(shapes: Sequence[Shape]) -> np.ndarray:
     """Return (n, 4) left, top, right and bottom of the control points of each shape."""
-    boxes = np.empty((len(shapes), 4))
-    for row, shape in zip(boxes, shapes, strict=True):
-        points = np.concatenate([outline.ring().cubics.reshape(-1, 2) for outline in shape.outlines])
-        row[:2], row[2:] = points.min(axis=0), points.max(axis=0)
-    return boxes
+    points = (np.concatenate([outline.ring().cubics.reshape(-1, 2) for outline in shape.outlines]) for shape in shapes)
+    return np.array([[*each.min(axis=0), *each.max(axis=0)] for each in points]).reshape(-1, 4)
 
 
 def near_box(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:

@@ -155,8 +155,7 @@ def _structured(drawing: Drawing, request: Request) -> Made:
     if request.overlap is not None:
         from cubicsplat_cli.artwork.planar.cutout import overlapping
 
-        drawing = structure.by_lightness(drawing)
-        drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
+        drawing = overlapping(structure.by_lightness(drawing), request.overlap, precision)
     if request.group_by == COLOR:
         drawing = structure.grouped_by_colour(drawing)
     return replace(result_of_drawing(drawing, request), notes=_ground_notes(request, ground is not None))

@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.planar.borders import Borders, Edges, Step, borders_
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, connected, faces_of, visible_regions
 from cubicsplat_cli.artwork.planar.snapping import EIGHTHS, Sources, snapped_segments, sources_from, sources_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.scene.paint import Paint
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
 # themselves, whose numbers count along an edge of several, and the canvas.
@@ -126,19 +127,19 @@ def _handle(points: np.ndarray, lines: np.ndarray, number: int, end: int) -> np.
     return points[number, 3 * (1 - end)] - here if lines[number] else points[number, 2 if end else 1] - here
 
 
-def overlapping(drawing: Drawing, ranks: np.ndarray, reach: float, precision: int) -> Drawing:
-    """A cutout in which each shape also covers what is within `reach` px of it and shows a shape of a higher rank.
+def overlapping(drawing: Drawing, reach: float, precision: int) -> Drawing:
+    """A cutout in which each shape also covers what is within `reach` px of it and shows a shape of a later paint.
 
-    Shapes of higher ranks are drawn later, so the picture is the same. Where nothing is drawn, nothing is covered.
-    ranks: (shapes,) int >= 0, ascending; shapes of one rank have one paint, and may become one. precision: decimals of
-    the file, in px.
+    These are drawn later, so the picture is the same. Where nothing is drawn, nothing is covered. Shapes of one paint,
+    which follow one another, may become one. precision: decimals of the file, in px.
     """
+    ranks = {paint: rank for rank, paint in enumerate(dict.fromkeys(shape.paint for shape in drawing.shapes))}
     pieces, rank_of, grown = _pieces(drawing, ranks, reach)
     across, canvas = _across(pieces, ~grown, rank_of), pieces.shape == CANVAS
     shapes: list[Shape] = []
-    for rank in np.unique(ranks).tolist():
-        own = [shape for shape, number in zip(drawing.shapes, ranks.tolist(), strict=True) if number == rank]
-        if rank == ranks.max():
+    for paint, rank in ranks.items():
+        own = [shape for shape in drawing.shapes if shape.paint == paint]
+        if rank == len(ranks) - 1:
             shapes += own
             continue
         mine = rank_of == rank
@@ -155,13 +156,13 @@ def overlapping(drawing: Drawing, ranks: np.ndarray, reach: float, precision: in
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> tuple[Sources, np.ndarray, np.ndarray]:
-    """The P pieces of all shapes, of the same grown, and of the canvas; (P,) the rank of the shape of each, and (P,)
+def _pieces(drawing: Drawing, ranks: dict[Paint, int], reach: float) -> tuple[Sources, np.ndarray, np.ndarray]:
+    """The P pieces of all shapes, of the same grown, and of the canvas; (P,) the rank of the paint of each, and (P,)
     bool, whether it is of the grown one.
     """
     rings, outlines, kinds = list[Ring](), list[Outline](), list[tuple[int, bool]]()
-    for shape, rank in zip(drawing.shapes, ranks.tolist(), strict=True):
-        own = shape.oriented(EIGHTHS)
+    for shape in drawing.shapes:
+        rank, own = ranks[shape.paint], shape.oriented(EIGHTHS)
         grown = [_grown(shape, index, ring, reach) for index, ring in enumerate(own)]
         rings += [*own, *(ring for ring, _ in grown)]
         outlines += [*shape.outlines, *(outline for _, outline in grown)]
