@@ -114,8 +114,7 @@ def finer(cells: Cells, reach: float) -> Cells:
         lap = np.minimum(reach, (high - low) / 3.0)
         return np.append(np.stack([low, low + lap, high - lap], axis=1).ravel(), ends[-1])
 
-    numbers = cells.numbers.repeat(3, axis=0).repeat(3, axis=1)
-    return replace(cells, numbers=numbers, x=cut(cells.x), y=cut(cells.y))
+    return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=cut(cells.x), y=cut(cells.y))
 
 
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:

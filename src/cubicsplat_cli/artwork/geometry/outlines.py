@@ -142,8 +142,7 @@ class Ellipse:
 
     def ring(self, arcs: int = 4) -> Ring:
         """Return a ring of so many cubics, from the end of the first half-axis on, towards growing angles."""
-        unit = _turn(0.0, arcs)
-        return ring_of_cubics(unit * [self.rx, self.ry] @ turn_matrix(self.angle) + [self.cx, self.cy])
+        return ring_of_cubics(_turn(0.0, arcs) * [self.rx, self.ry] @ turn_matrix(self.angle) + [self.cx, self.cy])
 
 
 @dataclass(frozen=True)
@@ -239,8 +238,7 @@ def with_thirds(ring: Ring) -> Ring:
 def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     """(n, 2) points along a ring, those of a cubic about `step` px apart; each piece gives its start, not its end."""
     cubics = ring.cubics
-    lengths = polygon_lengths(cubics)
-    counts = np.where(ring.lines, 1, np.maximum(2, np.ceil(lengths / step))).astype(int)
+    counts = np.where(ring.lines, 1, np.maximum(2, np.ceil(polygon_lengths(cubics) / step))).astype(int)
     owner, place = places_within(counts)
     return summed(bernstein(place / counts[owner])[:, None] * cubics.transpose(0, 2, 1)[owner])
 

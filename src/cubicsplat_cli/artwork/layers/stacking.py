@@ -136,8 +136,7 @@ def _shading(regions: Regions, shaded: Sequence[ShadowSides]) -> Iterator[tuple[
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
     """(R,) the group of each region, by their smallest members; -1 if clear. budget: px of the boxes of hulls tried."""
-    regions = facts.regions
-    group = np.where(facts.clear, -1, np.arange(regions.count))
+    group = np.where(facts.clear, -1, np.arange(facts.regions.count))
     group[facts.ground] = min(facts.ground, default=-1)
     of = _members(group)
     for a, b in _candidates(facts):

@@ -69,8 +69,7 @@ def _parts_over(
     for overlay in reversed(overlays):
         place = int(reached[overlay.cover].max())
         reached[overlay.cover] = place
-        above = (depth > place) & opaque
-        paint, own = paint_levels(overlay.paint), extents_of(overlay.cover, above, found)
+        paint, own = paint_levels(overlay.paint), extents_of(overlay.cover, (depth > place) & opaque, found)
         parts.setdefault(place, []).extend(TranslucentPart(paint, extent) for extent in own)
     return parts
 
@@ -83,8 +82,7 @@ def without_overlays(regions: Regions, found: EdgePositions, fixed: np.ndarray) 
     overlays: list[Overlay] = []
     while (grounds := _uppermost(regions, found, fixed)) is not None:
         pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in grounds.items()], axis=0)
-        paint = likeliest(pairs[:, 0], pairs[:, 1])
-        overlays.append(Overlay(paint, np.isin(regions.labels, list(grounds))))
+        overlays.append(Overlay(likeliest(pairs[:, 0], pairs[:, 1]), np.isin(regions.labels, list(grounds))))
         regions, fixed = merged(regions, grounds, fixed)
         regions, fixed, overlays = with_covered(regions, fixed, overlays)
     return regions, tuple(overlays)

@@ -133,11 +133,8 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
 
 def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The share of each pixel, of those from low to high (2,), under groups of rings."""
-    width, height = (high - low).tolist()
-    total = np.zeros((height, width))
-    for rings in groups:
-        total += coverage(*pieces_of_rings(rings), int(low[1]), int(low[0]), height, width)
-    return np.minimum(total, 1.0)
+    (left, top), (width, height) = low.tolist(), (high - low).tolist()
+    return np.minimum(sum(coverage(*pieces_of_rings(rings), top, left, height, width) for rings in groups), 1.0)
 
 
 def _common(strokes: list[Stroke]) -> dict[float, float]:
