@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import cubic_parts, points_at
+from cubicsplat_cli.artwork.geometry.outlines import crossed, cubic_parts, points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene.paint import mean_fill
@@ -135,8 +135,7 @@ def _direction(cubics: np.ndarray) -> np.ndarray:
 
 def _half_tangent(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the tangent of half the angle between vectors (n, 2), counterclockwise where y points up."""
-    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    return np.tan(np.arctan2(cross, (first * second).sum(axis=1)) / 2.0)
+    return np.tan(np.arctan2(crossed(first, second), (first * second).sum(axis=1)) / 2.0)
 
 
 def _distances(points: np.ndarray, start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:

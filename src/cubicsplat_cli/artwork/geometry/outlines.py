@@ -199,6 +199,11 @@ def thirds(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[:, None] / 3.0
 
 
+def crossed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(...) the cross products of vectors (..., 2)."""
+    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+
+
 def turn_matrix(angle: float) -> np.ndarray:
     """Return the matrix (2, 2) that turns rows of x and y by an angle when they are multiplied by it."""
     cos, sin = math.cos(angle), math.sin(angle)

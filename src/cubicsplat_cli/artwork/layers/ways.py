@@ -16,7 +16,7 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, crossed, derivatives, points_at, polyline_places
 from cubicsplat_cli.artwork.layers.extents import HIDDEN_SIGMA, Window
 from cubicsplat_cli.artwork.layers.stacking import REACH
 from cubicsplat_cli.raster.outlines import fewer_points, fewest_links, heading
@@ -132,8 +132,7 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
     """Return (k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
     first, second = derivatives(cubics, np.broadcast_to(np.linspace(0.0, 1.0, SAMPLES), (len(cubics), SAMPLES)))
     speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
-    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
-    return (cross**2 / speed**5).mean(axis=1) * np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
+    return (crossed(first, second) ** 2 / speed**5).mean(axis=1) * np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
 
 
 def _by_lines(run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
@@ -156,12 +155,11 @@ def _meeting(first: End, last: End) -> np.ndarray | None:
     u, v = first.tangent, last.tangent
     if u is None or v is None:
         return None
-    cross = float(u[0] * v[1] - u[1] * v[0])
     turn = math.pi - math.acos(float(np.clip(u @ v, -1.0, 1.0)))
     if not BLUNTEST <= turn <= SHARPEST:
         return None
     gap = last.at - first.at
-    onward, back = (gap[0] * v[1] - gap[1] * v[0]) / cross, (gap[0] * u[1] - gap[1] * u[0]) / cross
+    onward, back = crossed(gap, v) / crossed(u, v), crossed(gap, u) / crossed(u, v)
     return (first.at + onward * u)[None] if min(onward, back) >= SLACK else None
 
 

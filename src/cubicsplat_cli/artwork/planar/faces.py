@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.planar.snapping import GRID, Segments, crossed
+from cubicsplat_cli.artwork.geometry.outlines import crossed
+from cubicsplat_cli.artwork.planar.snapping import GRID, Segments
 from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
+    crossed,
     next_in_loops,
     pieces_of_rings,
     places_within,
@@ -151,11 +152,6 @@ def _crossings(a: np.ndarray, b: np.ndarray, i: np.ndarray, j: np.ndarray) -> li
         share = (way * (point - a[own])).sum(axis=1) / (way * way).sum(axis=1)
         out.append((own, point, share))
     return out
-
-
-def crossed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(n,) the cross products of vectors (n, 2)."""
-    return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
 
 
 def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarray) -> tuple[Segments, np.ndarray]:

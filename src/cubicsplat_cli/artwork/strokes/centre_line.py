@@ -9,7 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION, parameter_price
-from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, feet_of
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, crossed, feet_of
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.raster.cubics import Division, Joints, Pieces, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
@@ -60,8 +60,7 @@ def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np
     terms, errors, _ = parabolas(points, weights, arc_lengths(points), kinds)
     positions, first, second = terms[:, 0], terms[:, 1], 2.0 * terms[:, 2]
     speed = np.maximum(np.hypot(*first.T), 1e-9)
-    curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
-    return positions, first / speed[:, None], curvature, errors
+    return positions, first / speed[:, None], crossed(first, second) / speed**3, errors
 
 
 def _pieces(division: Division, ends: np.ndarray) -> Pieces:
@@ -139,11 +138,10 @@ def _meeting(a: np.ndarray, b: np.ndarray, way: np.ndarray, onward: np.ndarray, 
     """The point where the line on from a meets the line back from b; None where both are about one line, where a bend
     of a radius of half a width explains the gap, and where it lies so far out that no miter would reach it.
     """
-    gap, turn = b - a, float(way[0] * onward[1] - way[1] * onward[0])
+    gap, turn = b - a, float(crossed(way, onward))
     bend = 2.0 * min(float(np.hypot(*gap)) / width, LONG_GAP)
     if abs(math.atan2(turn, float(way @ onward))) < max(CORNER, bend):
         return None
-    s = (gap[0] * onward[1] - gap[1] * onward[0]) / turn
-    u = (gap[0] * way[1] - gap[1] * way[0]) / turn
+    s, u = crossed(gap, onward) / turn, crossed(gap, way) / turn
     # Of a corner like a miter's, both ways to it over the gap are the miter's length over the width.
     return a + s * way if s > 0.0 > u and s - u < MITER_LIMIT * float(np.hypot(*gap)) else None
