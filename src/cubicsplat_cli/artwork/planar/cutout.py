@@ -191,4 +191,4 @@ def _across(sources: Sources, own: np.ndarray, rank: np.ndarray) -> np.ndarray:
     """
     ahead = np.rint(sources.cubics / EXACT).astype(np.int64)
     rank_of = {key.tobytes(): int(number) for key, number in zip(ahead[own], rank[own], strict=True)}
-    return np.array([rank_of.get(np.ascontiguousarray(key).tobytes(), -1) for key in ahead[:, ::-1]])
+    return np.array([rank_of.get(key.tobytes(), -1) for key in ahead[:, ::-1]])

@@ -145,13 +145,10 @@ def _lost(before: State, after: State, owners: np.ndarray, tried: np.ndarray) ->
 def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer]:
     """Layers of a drawing's shapes, of which only strokes are free."""
     constraints = Constraints(drawing.width, drawing.height)
-
-    def layer(shape: Shape) -> Layer:
-        if shape.stroke is None:
-            return still_layer(shape, goal)
-        return layer_of(shape, goal, [StrokeParameters.of(shape.stroke, constraints)])
-
-    return [layer(shape) for shape in shapes]
+    return [
+        layer_of(s, goal, [StrokeParameters.of(s.stroke, constraints)]) if s.stroke else still_layer(s, goal)
+        for s in shapes
+    ]
 
 
 def _drawn(layer: Layer) -> Shape:
