@@ -59,13 +59,13 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
     after = with_merges(state, constraints, detail)
     if after is state:
         return state
-    boxes, others = _boxes(state), _boxes(after)
+    boxes, others = (_boxes(each, each.pieces[:-1]) for each in (state, after))
+    around = np.concatenate([np.minimum(boxes, others)[:, :2], np.maximum(boxes, others)[:, 2:]], axis=1)
     refused = np.zeros(len(boxes), dtype=bool)
     for number, (old, new) in enumerate(zip(state.outlines, after.outlines, strict=True)):
         saved = PRICE * (old.outline().parameters - new.outline().parameters)
         if saved > 0.0:
-            box = _around(boxes[number], others[number])
-            grown = _squares(after, box) - _squares(state, box)
+            grown = _growth(state, after, around[number])
             refused[number] = 0.5 * detail * grown > saved * state.floors[number]
     return after.taken_back(state, refused)
 
@@ -82,7 +82,7 @@ def without_shapes(state: State, detail: float, worth: dict[int, float]) -> Stat
     """
     layers = state.layers
     firsts = np.cumsum([0, *(len(layer.outlines) for layer in layers)])[:-1]
-    boxes = np.array([_around(*own) for own in np.split(_boxes(state), firsts[1:])])
+    boxes = _boxes(state, state.pieces[firsts])
     there = np.ones(len(layers), dtype=bool)
     prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
     floors = state.floors[firsts]
@@ -95,7 +95,7 @@ def without_shapes(state: State, detail: float, worth: dict[int, float]) -> Stat
             continue  # one shape stays
         without = state.with_layers(list(compress(layers, trial)))
         for number in group:
-            grown = _squares(without, boxes[number]) - _squares(state, boxes[number])
+            grown = _growth(state, without, boxes[number])
             price = worth[id(layers[number].shape)] = 0.5 * grown / (prices[number] * floors[number])
             trial[number] = price * detail >= 1.0
         if not trial[group].all():
@@ -104,25 +104,21 @@ def without_shapes(state: State, detail: float, worth: dict[int, float]) -> Stat
     return state
 
 
-def _squares(state: State, box: np.ndarray) -> float:
-    """The sum of the squared errors in a box (4,), which unlike the misfit count a missing shape in full."""
+def _growth(before: State, after: State, box: np.ndarray) -> float:
+    """By how much the squared errors in a box (4,) grow, which unlike the misfit count a missing shape in full."""
     x0, y0, x1, y1 = box.tolist()
-    off = (state.image[y0:y1, x0:x1] - state.goal.target[y0:y1, x0:x1]) * WHITE
-    return float(np.vdot(off, off))
+    target = before.goal.target[y0:y1, x0:x1]
+    old, new = ((state.image[y0:y1, x0:x1] - target) * WHITE for state in (before, after))
+    return float(np.vdot(new, new)) - float(np.vdot(old, old))
 
 
-def _boxes(state: State) -> np.ndarray:
-    """(outlines, 4) x0, y0, x1, y1 in px, within which each outline changes the picture."""
+def _boxes(state: State, starts: np.ndarray) -> np.ndarray:
+    """(n, 4) x0, y0, x1, y1 in px, within which pieces change the picture: those from some (n,) to the next ones."""
     reach, (height, width) = state.goal.reach + 1, state.image.shape[:2]
-    points = [outline.cubics.reshape(-1, 2) for outline in state.outlines]
-    corners = [[*(np.floor(p.min(axis=0)) - reach), *(np.ceil(p.max(axis=0)) + reach)] for p in points]
-    return np.clip(np.array(corners).reshape(-1, 4), 0, [width, height, width, height]).astype(int)
-
-
-def _around(*boxes: np.ndarray) -> np.ndarray:
-    """Return the box (4,) around boxes (4,)."""
-    corners = np.array(boxes)
-    return np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
+    low = np.minimum.reduceat(state.drawn.cubics.min(axis=1), starts)
+    high = np.maximum.reduceat(state.drawn.cubics.max(axis=1), starts)
+    boxes = np.concatenate([np.floor(low) - reach, np.ceil(high) + reach], axis=1)
+    return np.clip(boxes, 0, [width, height, width, height]).astype(int)
 
 
 def apart(boxes: np.ndarray, numbers: Sequence[int]) -> list[list[int]]:
