@@ -83,6 +83,18 @@ def test_an_outline_in_the_colour_of_a_ground_is_no_remains():
     assert without_matte(given)[0] is given
 
 
+def test_fills_near_to_the_ground_tell_nothing_about_it():
+    """A disc that is nearly white but for a red stripe: most of its rim could show no remains."""
+    y, x = np.mgrid[:SIDE, :SIDE]
+    share = np.clip(60.5 - np.hypot(y - 80.3, x - 80.3), 0.0, 1.0)[..., None]
+    fill = np.where((np.abs(y - 80) < 40)[..., None], [190, 25, 49], [250, 240, 240])
+    colours = np.rint(share * fill + (1.0 - share) * 255.0)
+    given = levels_of(np.dstack([colours, np.where(share > 0.0, 255, 0)]).astype(np.uint8))
+    found, ground = without_matte(given)
+    before, after = (np.abs(each[..., 3] - 255.0 * share[..., 0]).mean() for each in (given, found))
+    assert ground == "white" and after < 0.2 * before
+
+
 def test_a_cut_out_is_drawn_as_what_was_cut_out():
     done = vectorize(cut_out(), measure=False)
     assert done.report.shapes == vectorize(drawn(), measure=False).report.shapes

@@ -16,7 +16,8 @@ from cubicsplat_cli.raster.shades import blends
 from cubicsplat_cli.raster.unmix import SLOTS
 
 RIM = 2  # px from clear ones within which pixels may be blends with the ground
-MOST = 0.5  # share of the uneven pixels of the rim that are, where a ground was removed
+# Least shares of the uneven pixels of the rim that are, where a ground was removed: of those that could be, and of all.
+MOST, SEVERAL = 0.75, 0.25
 SHADES = 8  # different ones of edges that were smoothed; an outline of 1 px has one for each fill
 
 
@@ -46,10 +47,14 @@ def without_matte(levels: np.ndarray) -> tuple[np.ndarray, str]:
         colours = np.where(slot[..., None], [level, level, level, FULL], others)
         whole, off = blends(straight, paints, colours, others, three=True)
         same = np.where(soft, np.abs(whole[:, 3] - seen[:, 3]) <= BLEND, level == FULL)
+        blend = same & (off <= BLEND)
         # A pixel of nothing but the ground would have been removed: it is an outline in the ground's colour.
-        mixed = tells & same & (off <= BLEND) & (whole[:, 3] > BLEND) & (whole[:, 3] < FULL - BLEND)
-        shades = len(np.unique(np.rint(whole[mixed, 3])))
-        if mixed.sum() >= max(FEWEST, MOST * len(seen)) and shades >= SHADES:
+        mixed = blend & (whole[:, 3] > BLEND) & (whole[:, 3] < FULL - BLEND)
+        # Paints without contrast to the ground tell nothing of it, nor do blends of two paints.
+        could = tells & ~(blend & (whole[:, 3] >= FULL - BLEND))
+        told = mixed & tells
+        shades = len(np.unique(np.rint(whole[told, 3])))
+        if told.sum() >= max(FEWEST, MOST * could.sum(), SEVERAL * len(seen)) and shades >= SHADES:
             out = levels.copy()
             out[rim] = np.where(mixed[:, None], np.rint(whole), seen)
             return out, name
