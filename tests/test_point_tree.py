@@ -95,6 +95,6 @@ def test_places_are_off_a_closed_line_as_off_its_nearest_edges(count: int) -> No
 def on_line(line: np.ndarray, place: np.ndarray, most: float) -> np.ndarray | None:
     """What a place tells of a shift of x and of y if it is no farther than `most` off a closed line, else None."""
     trees, shown = [PointTree(line), PointTree(line)], [place[None].copy(), np.empty((0, 2))]
-    lines = ClosedLines(trees, shown, np.zeros((2, 2, 2)), (most, most, most, most), (1, 0), 1e-6)
+    lines = ClosedLines(trees, shown, np.zeros((2, 2, 2)), (most, most, most), (1, 0), 1e-6)
     found = lines.first_on(1, np.zeros(1, int), np.ones((1, 2)))
     return None if found is None else found[3]

@@ -60,14 +60,14 @@ class ClosedLines:
     """Closed lines, to be laid on one another by a shift or a reflection. trees: of the points of each line; shown:
     (n, 2) the points of each that show; boxes: (lines, 2, 2) their least and greatest x and y, px.
 
-    limits: px that a point may be off at first, with the middles of both boxes on each other, after a step and at last,
-    and that all may be off at last in the root mean square. tries: points that are tried before all of them, and steps
-    of least squares, of points off the other line. on_it: px within which a place counts as on a line.
+    limits: px that a point may be off with the middles of both boxes on each other, and at last, and that all may be
+    off at last in the root mean square. tries: points that are tried before all of them, and steps of least squares, of
+    points off the other line. on_it: px within which a place counts as on a line.
     """
 
     def __init__(
         self, trees: Sequence[PointTree], shown: Sequence[np.ndarray], boxes: np.ndarray,
-        limits: tuple[float, float, float, float], tries: tuple[int, int], on_it: float,
+        limits: tuple[float, float, float], tries: tuple[int, int], on_it: float,
     ) -> None:  # fmt: skip
         self._kept = trees, shown
         self._lines = np.array([tree.line(points) for tree, points in zip(trees, shown, strict=True)], np.int64)

@@ -46,7 +46,8 @@ def lines_of(tracks: Sequence[Track]) -> ClosedLines:
     """Return outlines to be laid on one another, or each on itself."""
     boxes = np.array([track.extent for track in tracks]).reshape(-1, 2, 2)
     trees, shown = [track.tree for track in tracks], [track.seen for track in tracks]
-    limits = 3.0, 3.0, FARTHEST, MEAN_ERROR  # px off at most: at first; next; at last; in the mean
+    # px off at most: at first, when the middles of two boxes may be FARTHEST off each way; at last; in the mean.
+    limits = (1.0 + 2.0**0.5) * FARTHEST, FARTHEST, MEAN_ERROR
     # 16 points are compared before all are. They are brought nearer 4 times.
     return ClosedLines(trees, shown, boxes, limits, (16, 4), LEAST)
 

@@ -134,7 +134,7 @@ void sort(const Point* points, int64_t low, int64_t high, int64_t* order, uint8_
 }
 
 // Brings the shift of a line to where it lies nearest to another one, and tells whether that is near enough: see
-// `cs_lay_on`. limits: at first, after a step, at last, in the mean at last.
+// `cs_lay_on`. limits: at first, at last, in the mean at last.
 bool laid_on(const Outline& first, const Outline& second, const Point& sign, const double* limits, int64_t look,
              int64_t tries, double on_it, Point& shift, Point& told) {
   const Line one = first.line(on_it), other = second.line(on_it);
@@ -150,7 +150,7 @@ bool laid_on(const Outline& first, const Outline& second, const Point& sign, con
       gram[0] += way.at[0] * way.at[0], gram[1] += way.at[0] * way.at[1], gram[2] += way.at[1] * way.at[1];
       for (int c = 0; c < 2; c++) pull[c] += way.at[c] * size;
       farthest = std::max(farthest, size), squares += size * size;
-      return size <= limits[left == tries ? 0 : 1];
+      return size <= limits[0];
     };
     for (int64_t i = 0; i < first.shown; i++) {
       const auto [size, way] = other.off(moved(first.seen[i]));
@@ -161,10 +161,10 @@ bool laid_on(const Outline& first, const Outline& second, const Point& sign, con
       const auto [size, way] = one.off({{(p.at[0] - shift.at[0]) * sign.at[0], (p.at[1] - shift.at[1]) * sign.at[1]}});
       add(size, {{-way.at[0] * sign.at[0], -way.at[1] * sign.at[1]}});
     }
-    if (farthest > limits[1]) return false;
+    if (farthest > limits[0]) return false;
     if (left == 0) {
       told = {{gram[0], gram[2]}};
-      return farthest <= limits[2] && std::sqrt(squares / double(first.shown + second.shown)) <= limits[3];
+      return farthest <= limits[1] && std::sqrt(squares / double(first.shown + second.shown)) <= limits[2];
     }
     const double area = gram[0] * gram[2] - gram[1] * gram[1];
     shift.at[0] -= (gram[2] * pull[0] - gram[1] * pull[1]) / area;
@@ -195,8 +195,8 @@ CS_EXPORT void cs_nearest(int64_t count, const Point* points, const int64_t* ord
 
 // Finds the first of `models` that, mirrored as one of the `flips`, lies on the line `own`, by least squares of how far
 // points that show of either lie off the other; first with the middles of both boxes on each other. lines: all of them;
-// boxes: their least and greatest coordinates. limits: px that a point is off at most at the beginning, after a step and
-// at last, and all in the root mean square at last. look: points that are tried before all are.
+// boxes: their least and greatest coordinates. limits: px that a point is off at most at the beginning and at last, and
+// all in the root mean square at last. look: points that are tried before all are.
 // shift: where the model comes to lie; told: what the points tell of that, 1/px^2 with errors of 1 px. Returns
 // flips x the place among the models + the flip; flips x count where none lies on it.
 CS_EXPORT int64_t cs_lay_on(const Outline* lines, const Point* boxes, int64_t own, int64_t count, const int64_t* models,
