@@ -29,9 +29,10 @@ FINISH_SCALE = 3
 ENLARGED_PIXELS_PER_CURVE, MOST_PIXELS = 1152, 768 * 512
 ENLARGED, MOST_ENLARGED = 2, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: its copy has as many px as a square of such a side; its steps
-# The shares of the steps before the finish at which it is seen how fast a fit comes nearer; from the second to the end
-# its level rises by 1 to 4 times as much as between them, in 11 of 14 pictures by LATER times or more.
-SEEN_AT, LATER = (0.15, 0.3), 1.9
+# Shares of the steps before the finish at which it is seen how near a fit is. Its level rises by 4 to 18 dB from the
+# first one on (15 pictures); and from the others by about so many times as much as since the look before, where these
+# tell (0 to 4 times, 14 pictures).
+SEEN_AT, MOST_RISE, RISES = (0.06, 0.15, 0.3, 0.6), 20.0, (None, None, 1.9, 1.5)
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
 
@@ -60,6 +61,7 @@ class PhotoFit:
     def __init__(self, task: Task) -> None:
         self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
+        self._levels: list[float] = []
 
     def early(self) -> tuple[Drawn, bool]:
         """Fit for a share of the steps, and return the curves; and False if the fit ends before."""
@@ -71,25 +73,28 @@ class PhotoFit:
         drawn, goes_on = self.early()
         return level_db(self._photo.task, drawn) + LOOKS[0][1] if goes_on else math.inf
 
-    @cached_property
-    def expected_to_be_seen(self) -> float:
-        """Fit for a share of the steps; the `likeness.seen_db` then expected at the end; infinite if it ends before."""
-        levels = list[float]()
-        for share in SEEN_AT:
-            if not self._fitting.relax(share):
-                return math.inf
-            levels.append(seen_db(self._photo.task, self._drawn(self._fitting.scene())))
-        return levels[1] + LATER * (levels[1] - levels[0])
-
     def seen_if_above(self, least: float) -> float:
         """Return the level at the end as people see it; if it is not expected to be above `least`, what is expected.
         Raises the errors of a fit, and KeyboardInterrupt.
         """
-        if self.expected_to_be_seen <= least:
-            return self.expected_to_be_seen
+        for look in range(len(SEEN_AT)):
+            if (expected := self._expected_to_be_seen(look)) <= least:
+                return expected
         if self.finished.interrupted:
             raise KeyboardInterrupt
         return seen_db(self._photo.task, self._drawn(self.finished.scene))
+
+    def _expected_to_be_seen(self, look: int) -> float:
+        """Fit for the share of the steps at a look; the `likeness.seen_db` then expected at the end, at most; infinite
+        if it ends before.
+        """
+        levels = self._levels
+        while len(levels) <= look and self._fitting.relax(SEEN_AT[len(levels)]):
+            levels.append(seen_db(self._photo.task, self._drawn(self._fitting.scene())))
+        if len(levels) <= look:
+            return math.inf
+        rise = RISES[look]
+        return levels[look] + (MOST_RISE if rise is None else rise * (levels[look] - levels[look - 1]))
 
     def _drawn(self, scene: AnyScene | None) -> Drawn:
         return Drawn(scene, self._photo.task.request.settings.finish_samples)
