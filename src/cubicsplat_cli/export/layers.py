@@ -10,7 +10,7 @@ from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
 from cubicsplat_cli.request import length_text
 from cubicsplat_cli.scene.paint import Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_reader import fill_of
-from cubicsplat_cli.svg.markup import document, empty_document
+from cubicsplat_cli.svg.markup import empty_document, titled
 from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, OwnElement, own_elements
 
 # The margin around the picture, in longer sides; the radius of a mark, its arms and its line width, in margins.
@@ -44,10 +44,11 @@ def layers(svg: str | bytes) -> dict[str, str]:
     made = {}
     for number, ((fill, _), (rgba, shapes)) in enumerate(by_paint.items(), start=1):
         colour = colour_group(rgba).partition("-")[2]
-        layer = _layer_document(root, (width, height), margin, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
+        layer = _layer_document(root, (width, height), margin)
         layer.extend(copy.deepcopy([definitions[fill], *shapes] if fill in definitions else shapes))
         layer.append(_register_marks(width, height, margin))
-        made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(document(layer))
+        sheet = titled(layer, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
+        made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(sheet)
     return made
 
 
@@ -59,11 +60,11 @@ def _colour(shape: OwnElement, gradients: GradientReader) -> Rgba:
     return mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
 
 
-def _layer_document(root: Element, size: tuple[int, int], margin: int, title: str, mark: str) -> Element:
+def _layer_document(root: Element, size: tuple[int, int], margin: int) -> Element:
     """Return an empty document of the same scale for a picture of a size in px and its margin."""
     width, height = size
     across, down = width + 2 * margin, height + 2 * margin
-    sheet = empty_document(across, down, title, mark)
+    sheet = empty_document(across, down)
     sheet.set("viewBox", f"{-margin} {-margin} {across} {down}")
     for name, side, whole in (("width", width, across), ("height", height, down)):
         number = root.get(name, "").rstrip("min")  # in px, mm or in

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import Element
 
 from cubicsplat_cli.artwork import structure
 from cubicsplat_cli.artwork.geometry.outlines import Ring
@@ -28,8 +29,8 @@ from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.request import COLOR, KEEP, OBJECT, REMOVE, Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
-from cubicsplat_cli.svg.drawing_writer import write_drawing, write_mosaic
-from cubicsplat_cli.svg.markup import minified
+from cubicsplat_cli.svg.drawing_writer import elements_of, write_mosaic
+from cubicsplat_cli.svg.markup import minified, titled
 from cubicsplat_cli.svg.values import hex_colour
 
 if TYPE_CHECKING:
@@ -186,9 +187,12 @@ def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     if shaded := [shape.name for shape in drawing.shapes if shape.shading is not None]:
         facts["shaded"] = shaded
 
-    @cache  # called for the size before the file is written
+    @cache  # asked for the size before the file is written
+    def elements() -> Element:
+        return elements_of(drawing, _precision(drawing, request))
+
     def write(title: str, comment: str) -> str:
-        text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
+        text = titled(elements(), title, comment)
         return minified(text) if request.tiny else text
 
     scene = picture_of(drawing) if drawing.shapes else None

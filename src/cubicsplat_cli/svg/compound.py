@@ -54,7 +54,13 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
             beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
             free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
     free &= sign | (np.bincount(numbers, free)[numbers] >= LEAST_SHAPES)
-    last, pieces = len(shapes) - 1, cache(lambda k: pieces_of_rings(shapes[k].oriented()))
+    last = len(shapes) - 1
+
+    @cache
+    def pieces(k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        cubics, lines = pieces_of_rings(shapes[k].oriented())
+        rows = np.sort(cubics[..., 1], axis=1)[:, [0, -1]]
+        return cubics, lines, rows.T.copy()
 
     @cache
     def meet(first: int, second: int) -> bool:
@@ -62,8 +68,12 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
         extent = np.ceil(np.minimum(boxes[2:, first], boxes[2:, second])) - low
         if (extent <= 0.0).any():
             return False
-        one, other = (_copy(*pieces(k), low, extent) > 0.0 for k in (first, second))
-        return bool((one & other).any())
+        covered = []
+        for cubics, lines, (top, bottom) in (pieces(first), pieces(second)):
+            # Pieces above or below a window cover nothing in it, and most windows are a small part of a large shape.
+            level = (bottom >= low[1]) & (top <= low[1] + extent[1])
+            covered.append(_copy(cubics[level], lines[level], low, extent) > 0.0)
+        return bool((covered[0] & covered[1]).any())
 
     while True:
         # From the back to the front, or the other way round, where each joins a later one.

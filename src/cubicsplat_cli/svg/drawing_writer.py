@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, colour_n
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds, primitive_of
 from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT, GridRings, PathText, add_rounded, add_stroke
-from cubicsplat_cli.svg.markup import GradientElements, Identifiers, document, empty_document, format_number, paint
+from cubicsplat_cli.svg.markup import GradientElements, Identifiers, empty_document, format_number, paint, titled
 from cubicsplat_cli.svg.shading import clipped
 
 if TYPE_CHECKING:
@@ -27,18 +27,23 @@ _ANGLE_DECIMALS = 3  # degrees
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
-    """Return the SVG text of artwork, its shapes in order, the first at the back.
+    """Return the SVG text of artwork: `elements_of` with a title, any text, which viewers show, and a comment of one
+    line, by which the command line recognises its own files.
+    """
+    return titled(elements_of(drawing, precision), title, comment)
+
+
+def elements_of(drawing: Drawing, precision: int | None = None) -> Element:
+    """Return the root of an SVG of artwork, without a title, its shapes in order, the first at the back.
 
     `compounds` says which shapes share a path; shapes that abut have one each. Consecutive shapes of a group share a
     `<g>`. A shape that is smaller than a step of the grid is left out.
 
-    precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text; viewers show
-    it. comment: one line for an XML comment, by which the command line recognises its own files. Raises UsageError for
-    a bad precision.
+    precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. Raises UsageError for a bad
+    one.
     """
     precision = _precision_of(drawing, precision)
-    root = empty_document(drawing.width, drawing.height, title, comment)
-    names = Identifiers()
+    root, names = empty_document(drawing.width, drawing.height), Identifiers()
     gradients = GradientElements(lambda: names.unique("gradient"), precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
     rings = GridRings(drawing.shapes, precision, drawing.abutting)
@@ -52,7 +57,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
             parent = _group_element(root, latest, names)
         painted = _painted(element, group[0], names, gradients, precision)
         parent.extend(painted if group[0].shading is None else clipped(painted, group[0], names))
-    return document(root)
+    return root
 
 
 def _precision_of(canvas: Drawing | Mosaic, precision: int | None) -> int:
@@ -194,7 +199,7 @@ def _add_ellipse(path: PathText, ellipse: Ellipse, clockwise: bool) -> None:
 def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool) -> str:
     """Return the SVG text of a mosaic. grouped: whether each colour is in a group. Otherwise like `write_drawing`."""
     precision = _precision_of(mosaic, precision)
-    root, names = empty_document(mosaic.width, mosaic.height, title, comment), Identifiers()
+    root, names = empty_document(mosaic.width, mosaic.height), Identifiers()
     for layer in mosaic.layers:
         data = _layer_path(layer, precision)
         if data:
@@ -203,7 +208,7 @@ def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, co
             parent = _group_element(root, colour_group(layer.fill) if grouped else "", names)
             name = names.unique("background" if whole else colour_name(layer.fill))
             parent.append(Element("path", {"id": name, "d": data, **paint("fill", layer.fill)}))
-    return document(root)
+    return titled(root, title, comment)
 
 
 def _layer_path(layer: CellLayer, precision: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from copy import copy
 from functools import lru_cache
 from urllib.parse import quote
 from xml.etree import ElementTree
@@ -83,19 +84,19 @@ def short_colour(red: int, green: int, blue: int) -> str:
     return f"#{text[::2]}" if text[::2] == text[1::2] else f"#{text}"
 
 
-def empty_document(width: int, height: int, title: str, comment: str) -> ElementTree.Element:
-    """Return the root of a picture of width x height px, with its comment and title."""
+def empty_document(width: int, height: int) -> ElementTree.Element:
+    """Return the root of a picture of width x height px."""
     size = {"width": str(width), "height": str(height), "viewBox": f"0 0 {width} {height}"}
-    root = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size})
-    add_head(root, title, comment)
-    return root
+    return ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size})
 
 
-def add_head(root: ElementTree.Element, title: str, comment: str) -> None:
-    """Insert a comment and a title at the beginning of a document."""
-    root.insert(0, ElementTree.Comment(comment_text(comment)))
-    root.insert(1, ElementTree.Element("title"))
-    root[1].text = xml_text(title)
+def titled(root: ElementTree.Element, title: str, comment: str) -> str:
+    """Return the text of a document with a comment and a title at its beginning; its root stays as it is."""
+    whole = copy(root)
+    whole.insert(0, ElementTree.Comment(comment_text(comment)))
+    whole.insert(1, ElementTree.Element("title"))
+    whole[1].text = xml_text(title)
+    return document(whole)
 
 
 def document(root: ElementTree.Element) -> str:

@@ -19,7 +19,7 @@ from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode, width_decimals
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.elements import SVG
-from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour
+from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour, titled
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, TIME_DECIMALS, WIDTH, GridClip, GridTrack
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, GROUP_STYLES, path_values
 
@@ -35,7 +35,7 @@ def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int
     plays: how often the clip is shown, 0 for ever; it ends with its last frame. Values are linear between knots. Each
     group of frames between cuts is a <g> that is displayed in its time.
     """
-    root = empty_document(clip.width, clip.height, title, comment)
+    root = empty_document(clip.width, clip.height)
     if clip.background is not None:
         box = {"id": BACKGROUND_ID, "width": str(clip.width), "height": str(clip.height)}
         ElementTree.SubElement(root, "rect", {**box, "fill": short_colour(*clip.background)})
@@ -51,7 +51,7 @@ def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int
         timing = {"begin": _seconds(group.begin - clip.duration)} if later else {}
         timing |= _repeated(clip.duration, plays + 1 if later and plays else plays)
         parent.extend(_path(clip, curve, timing, still=index == 0) for curve in reversed(group.curves))
-    return document(root).replace(" />", "/>")
+    return titled(root, title, comment).replace(" />", "/>")
 
 
 def _seconds(value: float) -> str:

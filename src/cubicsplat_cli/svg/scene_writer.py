@@ -18,7 +18,7 @@ from cubicsplat_cli.scene import Scene, ring_slices
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.scene.shapes import lengths, nearest_shape
 from cubicsplat_cli.settings import ANY, Mode, width_decimals
-from cubicsplat_cli.svg.markup import GradientElements, add_head, document, format_number, gradient_element, joined
+from cubicsplat_cli.svg.markup import GradientElements, format_number, gradient_element, joined, titled
 from cubicsplat_cli.svg.quantise import GridScene, gradient_decimals, to_grid
 from cubicsplat_cli.svg.values import OPACITY_DECIMALS
 
@@ -64,8 +64,7 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
         root.insert(0, definitions)
     else:
         del root.attrib["xmlns:xlink"]
-    add_head(root, title, comment)
-    return document(root)
+    return titled(root, title, comment)
 
 
 def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
