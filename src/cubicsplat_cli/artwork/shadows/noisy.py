@@ -107,14 +107,16 @@ def _on_ground(
     """Return the line of colours from a ground to its shade, and (H, W) bool the pixels of the ground, and all, on it;
     None without a shadow that ends on the ground. off, fill, error: as of `_area`. even: (H, W) bool, pixels of the
     fill; smooth: what hangs together with them; ground: those of them that may show the ground."""
+    among, following = off[smooth], np.zeros_like(smooth)
     for _ in range(ROUNDS):
         shaded = ground & ~even
         if min(shaded.sum(), even.sum()) < LEAST_AREA:
             return None
-        line = Line(off, end_of(fill, off[shaded].sum(axis=0, dtype=float)) - fill, error)
-        on_line = line.near(line.shares) & (line.scale * line.shares >= -error)
-        ground = ndimage.binary_propagation(even, None, smooth & on_line)
-    return line, ground, on_line
+        way = end_of(fill, off[shaded].sum(axis=0, dtype=float)) - fill
+        following[smooth] = Line(among, way, error).shaded
+        ground = ndimage.binary_propagation(even, None, following)
+    line = Line(off, way, error)
+    return line, ground, line.shaded
 
 
 def _best(line: Line, ground: np.ndarray, on_line: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:

@@ -84,6 +84,11 @@ class Line:
         """Return (...) bool, true for pixels that have these shares."""
         return largest(np.abs(self.apart(shares))) <= self.error
 
+    @property
+    def shaded(self) -> np.ndarray:
+        """(...) bool, true for pixels of the ground or on the way, to within the error."""
+        return self.near(self.shares) & (self.scale * self.shares >= -self.error)
+
 
 def soft_areas(parts: Parts) -> list[SoftArea]:
     """Return the soft areas of a picture, by its even parts, other than gradients."""
