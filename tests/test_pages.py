@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import base64
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import ctrl_c_when
 from image_files import encode, png_of, recoded
-from PIL import Image, ImageDraw
+from PIL import Image
 from scans import target_of
 from test_svg_viewers import AGREEMENT_DB
 
@@ -26,7 +25,6 @@ from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.html_report.embed import shown_elements
-from cubicsplat_cli.pipeline.choose import candidates
 from cubicsplat_cli.pipeline.pages import SAMPLE, _sample, page_in
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer
@@ -207,27 +205,6 @@ def test_a_round_portrait_of_few_pixels_is_a_photo_and_a_round_drawing_is_none()
     off = np.abs(rerender(result.svg.encode(), 200, 120).pixels[..., :3].astype(float) - pixels)
     assert off[24:68, 12:56].mean() < 10
     assert off[70:].mean() < 1
-
-
-@pytest.mark.slow
-def test_a_part_whose_sketch_is_near_already_is_drawn_no_further():
-    """To see whether it is better as a photo."""
-    stripes = Image.new("RGB", (320, 320))
-    for number, colour in enumerate(np.random.default_rng(1).integers(0, 256, (100, 3)).tolist(), start=-33):
-        ends = [(12 * number, 0), (12 * number + 12, 0), (12 * number + 172, 400), (12 * number + 160, 400)]
-        ImageDraw.Draw(stripes).polygon(ends, fill=tuple(colour))
-    pixels = np.full((100, 130, 3), 255, np.uint8)
-    pixels[10:90, 10:90] = stripes.resize((80, 80), Image.Resampling.BOX)
-    for row in range(10, 90, 16):
-        pixels[row : row + 8, 100:124] = 30, 40, 90
-    seen = list[str]()
-    task = replace(
-        task_of(as_picture(pixels), request_of({"curves": 40, "steps": 60, "threads": 1}), StageTimer()),
-        on_progress=lambda p: seen.append(p.stage),
-    )
-    assert [made.style.name for made in candidates(task)] == ["artwork"]
-    begun = [stage for stage, before in zip(seen, ["", *seen], strict=False) if stage != before]
-    assert (begun.count("looking at the picture"), begun.count("regularising")) == (2, 1)
 
 
 def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):

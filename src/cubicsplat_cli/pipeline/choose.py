@@ -130,31 +130,16 @@ def _page(task: Task) -> tuple[Made | None, bool]:
     return made, not all(suits)
 
 
-class _NearEnoughError(Exception):
-    """Ends a drawing whose sketch is as near as a photo already."""
-
-
 def _suits_photo(task: Task) -> bool:
     """True if a photo suits a sample of a picture better than a drawing."""
-
-    def is_nearer(drawing: Made) -> bool:
-        # Of so few pixels a quick photo is hardly behind a finished one.
-        return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
-
-    def check(sketch: Made) -> None:
-        check_worth_finishing(task, sketch, quick=True)
-        if not is_nearer(sketch):
-            raise _NearEnoughError
-
     try:
-        drawing = drawn_outlines(task, check, of_few=True)
+        drawing = drawn_outlines(task, partial(check_worth_finishing, task, quick=True), of_few=True)
         if drawing.interrupted:
             raise KeyboardInterrupt
-        return is_nearer(drawing)
+        # Of so few pixels a quick photo is hardly behind a finished one.
+        return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
     except DrawingGivenUp:
         return True
-    except _NearEnoughError:
-        return False
 
 
 def _requested_style(task: Task) -> Style | None:

@@ -29,10 +29,9 @@ FINISH_SCALE = 3
 ENLARGED_PIXELS_PER_CURVE, MOST_PIXELS = 1152, 768 * 512
 ENLARGED, MOST_ENLARGED = 2, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: its copy has as many px as a square of such a side; its steps
-# Shares of the steps before the finish at which it is seen how near a fit is. Its level rises by 4 to 18 dB from the
-# first one on (15 pictures); and from the others by about so many times as much as since the look before, where these
-# tell (0 to 4 times, 14 pictures).
-SEEN_AT, MOST_RISE, RISES = (0.06, 0.15, 0.3, 0.6), 20.0, (None, None, 1.9, 1.5)
+# Looks at a fit: a share of the steps before the finish, and by how much the level that people see rises from there to
+# the end: by 4 to 18 dB from the first one on (15 pictures); later by so many times as much as since the look before.
+SEEN_AT = ((0.06, 20.0, 0.0), (0.15, 20.0, 0.0), (0.3, 0.0, 1.9), (0.6, 0.0, 1.5))
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
 
@@ -77,24 +76,18 @@ class PhotoFit:
         """Return the level at the end as people see it; if it is not expected to be above `least`, what is expected.
         Raises the errors of a fit, and KeyboardInterrupt.
         """
-        for look in range(len(SEEN_AT)):
-            if (expected := self._expected_to_be_seen(look)) <= least:
+        levels = self._levels
+        for look, (share, rise, times) in enumerate(SEEN_AT):
+            if look == len(levels):
+                if not self._fitting.relax(share):
+                    break
+                levels.append(seen_db(self._photo.task, self._drawn(self._fitting.scene())))
+            expected = levels[look] + rise + times * (levels[look] - levels[max(0, look - 1)])
+            if expected <= least:
                 return expected
         if self.finished.interrupted:
             raise KeyboardInterrupt
         return seen_db(self._photo.task, self._drawn(self.finished.scene))
-
-    def _expected_to_be_seen(self, look: int) -> float:
-        """Fit for the share of the steps at a look; the `likeness.seen_db` then expected at the end, at most; infinite
-        if it ends before.
-        """
-        levels = self._levels
-        while len(levels) <= look and self._fitting.relax(SEEN_AT[len(levels)]):
-            levels.append(seen_db(self._photo.task, self._drawn(self._fitting.scene())))
-        if len(levels) <= look:
-            return math.inf
-        rise = RISES[look]
-        return levels[look] + (MOST_RISE if rise is None else rise * (levels[look] - levels[look - 1]))
 
     def _drawn(self, scene: AnyScene | None) -> Drawn:
         return Drawn(scene, self._photo.task.request.settings.finish_samples)
