@@ -1,5 +1,6 @@
 // What is held of an outline while its variables move it, and the numbers of these. raster/cubics.py says what each
 // function means.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -16,16 +17,15 @@ constexpr double kMostBend = 0.05;  // tangent of the angle by which a joint tha
 // The variable of each coordinate (anchors x 2): one for both ends of a level or upright line, -1 where fixed.
 void tie(int64_t anchors, int64_t pieces, const double* at, const uint8_t* lines, const uint8_t* fixed, int64_t* tied) {
   for (int64_t k = 0; k < 2 * anchors; k++) tied[k] = k;
-  const auto first = [&](int64_t k) {  // of those that a coordinate is tied to
-    while (tied[k] != k) k = tied[k] = tied[tied[k]];
-    return k;
-  };
   for (int64_t i = 0; i < pieces; i++)
     for (int c = 0; lines[i] && c < 2; c++) {
       const int64_t own = 2 * i + c, next = 2 * ((i + 1) % anchors) + c;
-      if (std::fabs(at[next] - at[own]) < kSame) tied[first(next)] = first(own);
+      if (!(std::fabs(at[next] - at[own]) < kSame)) continue;
+      if (next > own)
+        tied[next] = tied[own];  // to which nothing else is tied yet
+      else
+        std::replace(tied, tied + 2 * anchors, int64_t(tied[next]), int64_t(tied[own]));
     }
-  for (int64_t k = 0; k < 2 * anchors; k++) tied[k] = first(k);
   std::vector<int64_t> number(2 * anchors, -1);
   for (int64_t k = 0; k < 2 * anchors; k++) number[tied[k]] = 0;
   // What is tied to the border is on it.
