@@ -134,7 +134,7 @@ class Made(Drawn):
     unavoidable_error: float = 0.0
     banded: bool = False
 
-    @property
+    @cached_property
     def bytes(self) -> int:
         """The size of the SVG without a title and a comment."""
         return len(self.write(title="", comment="").encode())

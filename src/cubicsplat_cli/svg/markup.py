@@ -91,21 +91,18 @@ def empty_document(width: int, height: int) -> ElementTree.Element:
 
 
 def titled(root: ElementTree.Element, title: str, comment: str) -> str:
-    """Return the text of a document with a comment and a title at its beginning; its root stays as it is."""
+    """Return the text of a document with a comment and a title at its beginning, and each element of the root, a group
+    or the definitions on its own line; the root stays as it is.
+    """
     whole = copy(root)
     whole.insert(0, ElementTree.Comment(comment_text(comment)))
     whole.insert(1, ElementTree.Element("title"))
     whole[1].text = xml_text(title)
-    return document(whole)
-
-
-def document(root: ElementTree.Element) -> str:
-    """Return the text of a document, with each element of the root, a group or the definitions on its own line."""
-    for parent in (root, *root.iter("g"), *root.iter("defs")):
+    for parent in (whole, *whole.iter("g"), *whole.iter("defs")):
         parent.text = "\n"
         for child in parent:
             child.tail = "\n"
-    text = _SPACE.sub("/>", ElementTree.tostring(root, encoding="unicode"))
+    text = _SPACE.sub("/>", ElementTree.tostring(whole, encoding="unicode"))
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 

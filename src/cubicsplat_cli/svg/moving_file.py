@@ -17,9 +17,9 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.moving import MovingDrawing
 from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode, width_decimals
-from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.drawing_writer import elements_of
 from cubicsplat_cli.svg.elements import SVG
-from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour, titled
+from cubicsplat_cli.svg.markup import empty_document, format_number, joined, short_colour, titled
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, TIME_DECIMALS, WIDTH, GridClip, GridTrack
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, GROUP_STYLES, path_values
 
@@ -124,8 +124,7 @@ def write_moving_drawing(
     named = tuple(replace(shape, name=f"s{index}", group="") for index, shape in enumerate(drawing.shapes))
     # Shapes that abut get an element each, whatever their colour.
     still = replace(drawing, shapes=named, abutting=True)
-    text = write_drawing(still, precision=precision, title=title, comment=comment)
-    root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    root = elements_of(still, precision)
     shortest = float(np.diff(np.append(begins, duration)).min())
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
     keys = np.rint(begins / duration * 10**decimals).astype(int).tolist()
@@ -147,7 +146,7 @@ def write_moving_drawing(
             element.set(_DISPLAY, "none")
         for attributes, values in ((_SHOWN, shown), (_MOVED, moves)):
             _add_steps(element, attributes, values, times, ending)
-    return document(root).replace(" />", "/>")
+    return titled(root, title, comment).replace(" />", "/>")
 
 
 def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
