@@ -61,11 +61,13 @@ class _Bands:
 
 
 def _shared(seed: list[_Bands], left: list[_Bands], condition: Condition) -> tuple[Shade, list[_Bands]]:
-    """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
-    If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none."""
+    """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these;
+    the seed's own and the seed if it leaves too much of their error; none of them if the seed shows no gradient."""
     alone = _joined(seed)
-    first = shade_of(alone)
-    members, pixels, shade = left, _joined(left), first
+    shade = first = shade_of(alone)
+    if not _is_gradient(first, seed, alone, condition):
+        return first, []
+    members, pixels = left, _joined(left)
     while len(members) > len(seed):
         shade = refitted(first, pixels)
         errors = _errors(shade, members, pixels, condition)
@@ -73,16 +75,21 @@ def _shared(seed: list[_Bands], left: list[_Bands], condition: Condition) -> tup
         if len(better) == len(members):
             break
         members, pixels = better, _joined(better)
-    for some, own, trial in [(members, pixels, shade)] * bool(members) + [(seed, alone, first)] * (members != seed):
-        before, even = (sum(each) for each in zip(*((bands.error, bands.even) for bands in some), strict=True))
-        after = max(float(_errors(trial, some, own, condition).sum()), 1e-9)
-        # Half of chi^2 of three channels, by the errors that the gradient leaves.
-        if after <= STEP * before and 1.5 * TOLD * len(own.x) * (even / after - 1.0) > trial.price:
-            span = trimmed_range(trial.at(own.x, own.y), OUTER)
-            length = WINDOW * float(np.linalg.norm(trial.frame[:, :2], 2))  # of t, along the shorter axis
-            if span >= SEEN and steepest(trial.ramp, length) < 0.5 * span:
-                return trial, some
-    return first, []
+    if members and members != seed and _is_gradient(shade, members, pixels, condition):
+        return shade, members
+    return first, seed
+
+
+def _is_gradient(shade: Shade, some: list[_Bands], pixels: Pixels, condition: Condition) -> bool:
+    """Return True if a shade describes bands, with the pixels of them all, in less than their fills do."""
+    before, even = (sum(each) for each in zip(*((bands.error, bands.even) for bands in some), strict=True))
+    after = max(float(_errors(shade, some, pixels, condition).sum()), 1e-9)
+    # Half of chi^2 of three channels, by the errors that the gradient leaves.
+    if after > STEP * before or 1.5 * TOLD * len(pixels.x) * (even / after - 1.0) <= shade.price:
+        return False
+    span = trimmed_range(shade.at(pixels.x, pixels.y), OUTER)
+    length = WINDOW * float(np.linalg.norm(shade.frame[:, :2], 2))  # of t, along the shorter axis
+    return span >= SEEN and steepest(shade.ramp, length) < 0.5 * span
 
 
 def _errors(shade: Shade, bands: list[_Bands], pixels: Pixels, condition: Condition) -> np.ndarray:
