@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest, packed, widened
+from cubicsplat_cli.artwork.channels import largest, packed, summed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import SAVED, SMALL, TILE, contrasts
@@ -110,7 +110,7 @@ def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:
     outside, inside = _continued(crop, ~mask), _continued(crop, inner)
     # The share of the photo in a pixel at its edge, whose colour lies between both.
     apart = inside - outside
-    share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), FLAT_RANGE**2)
+    share = summed((crop - outside) * apart) / np.maximum(summed(apart * apart), FLAT_RANGE**2)
     covered = np.where(edge, np.clip(share, 0.0, 1.0), mask)[..., None]
     flat[wide.window] = covered * part.stand_in + (1.0 - covered) * outside
 

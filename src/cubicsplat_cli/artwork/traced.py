@@ -13,6 +13,7 @@ from itertools import chain
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.finish.polish import MOST
 from cubicsplat_cli.artwork.finish.state import State, begin
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
@@ -176,7 +177,7 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
     if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any() or (around & extent.allowed).any():
         return shape
     height, width = extent.shown.shape
-    off = np.abs(levels[extent.top : extent.top + height, extent.left : extent.left + width] - fill).max(axis=2)
+    off = largest(np.abs(levels[extent.top : extent.top + height, extent.left : extent.left + width] - fill))
     own = extent.shown & (off <= 0.5 * off.max())
     drawn = shape.coverage(extent.top, extent.left, height, width)
     if not own.any() or (np.abs(drawn - own) > MOST_OFF).sum() <= FEW_OFF * own.sum():

@@ -84,7 +84,7 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     visible = ndimage.alike(labels, EVEN) & (levels[..., 3] >= CLEAR)
     if count > MOST_OBJECTS or not visible.any() or (levels[..., 3][visible] < 250.0).mean() > MOST_ROUGH:
         return None
-    rough = np.abs(levels - ndimage.uniform_filter(levels, (3, 3, 1))).max(axis=2) > ROUGH
+    rough = largest(np.abs(levels - ndimage.uniform_filter(levels, (3, 3, 1)))) > ROUGH
     if rough[visible].mean() > MOST_ROUGH:
         return None
     off = np.zeros(labels.shape)

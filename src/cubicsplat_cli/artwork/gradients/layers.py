@@ -13,7 +13,7 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, summed
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, MOST_TRIES, beside
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, Parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Ramp, Shade, ShadedArea, covered, shown
@@ -146,8 +146,8 @@ class Between:
         """Return the shares (..., n) that colours (..., 3) cover of pixels of an index (n,), and bool, true where these
         are on the line to the colour but for `off` levels."""
         way, change, seen = colour[..., None, :] - self.below[index], self.change[index], self.room[index] >= SHOWS
-        square = np.maximum((way * way).sum(axis=-1), 1.0)
-        share = (change * way).sum(axis=-1) / square
+        square = np.maximum(summed(way * way), 1.0)
+        share = summed(change * way) / square
         beyond = np.maximum(share - 1.0, -share) * np.sqrt(square)
         aside = largest(np.abs(change - share[..., None] * way)) * self.room[index]
         return share, seen & (aside <= off) & (beyond <= off)

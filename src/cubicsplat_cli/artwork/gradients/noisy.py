@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, summed
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, Parts, joined, patches_of, smooth_parts
@@ -95,7 +95,7 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
     for axis, across in enumerate(((1, WINDOW, 1), (WINDOW, 1, 1))):
         along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
         left -= spread * ndimage.uniform_filter(along, across, mode="nearest") ** 2
-    return means.astype(np.float32), (left <= (1.25 * condition.noise + 0.7) ** 2).all(axis=-1)
+    return means.astype(np.float32), largest(left) <= (1.25 * condition.noise + 0.7) ** 2
 
 
 def is_step(shade: Shade, shortest: float = WINDOW) -> bool:
@@ -158,7 +158,7 @@ def _united(
 def _squares(shade: Shade, pixels: Pixels, condition: Condition) -> np.ndarray:
     """Return the squared errors (n,) that a gradient leaves of pixels, as the condition lets colours be told."""
     off = shade.extended().residuals(pixels) @ seen_as(condition)
-    return (off * off).sum(axis=1)
+    return summed(off * off)
 
 
 def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, are_few, blend_of, commonest, in_blocks, packed, unpacked
+from cubicsplat_cli.artwork.channels import LUMA, are_few, blend_of, commonest, in_blocks, largest, packed, unpacked
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.artwork.settings import MOST_COLORS
@@ -245,7 +245,7 @@ def _rippled(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet: np
     low, high = (extreme(levels, (3, 3, 1))[far] for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))
     of_fill = np.zeros(len(low), dtype=bool)
     for fill in commonest(levels[spans == 0.0], MOST_PALETTE, FEWEST):
-        of_fill |= (np.maximum(high - fill, fill - low) <= RIPPLE).all(axis=1)
+        of_fill |= largest(np.maximum(high - fill, fill - low)) <= RIPPLE
     return bool((of_fill & swinging).sum() > RIPPLED * max(of_fill.sum(), FEWEST_TELL))
 
 

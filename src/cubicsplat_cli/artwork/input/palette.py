@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
+from cubicsplat_cli.artwork.channels import blend_of, commonest, largest, summed
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
 from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, MOST_SMALL, SEEN, TOGETHER
@@ -30,7 +30,7 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
     size = (3, 3, 1)
     mean = ndimage.uniform_filter(levels, size, mode="nearest")
     square = ndimage.uniform_filter(levels * levels, size, mode="nearest")
-    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0)).max(axis=-1)
+    deviation = np.sqrt(np.maximum(largest(square - mean * mean), 0.0))
     return deviation <= CALM * noise + 1.0, mean
 
 
@@ -79,7 +79,7 @@ def _peaks(values: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:
     """
 
     def density(at: np.ndarray) -> int:
-        return int(np.count_nonzero((np.abs(values - at) <= 0.5 * reach).all(axis=1)))
+        return int(np.count_nonzero(largest(np.abs(values - at)) <= 0.5 * reach))
 
     peaks: list[np.ndarray] = []
     densities = [density(place) for place in places]
@@ -106,11 +106,11 @@ def missing_colours(levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray
     if condition.jpeg:
         unlike -= ringing(seen)
     calm, _ = calm_pixels(seen, condition.noise)
-    off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > 0.5 * square.sum(axis=-1))
+    off = calm & inner & (largest(unlike) > 0.0) & (summed(mean * mean) > 0.5 * summed(square))
     values, reach, colours = ndimage.uniform_filter(levels, (3, 3, 1))[off], reach_of(condition), []
     for place in modes(values, reach, 60, NONE):
         own = off.copy()
-        own[off] = np.abs(values - place).max(axis=-1) <= reach
+        own[off] = largest(np.abs(values - place)) <= reach
         if has_border(mean, own, inner & ~off):
             colours.append(np.median(levels[own], axis=0))
     return np.array(colours, dtype=float).reshape(-1, 4)
@@ -149,13 +149,13 @@ def modes(values: np.ndarray, reach: float, least: float, earlier: np.ndarray) -
     numbers, counts = np.unique(np.ravel_multi_index(tuple((cells - low).T), spans), return_counts=True)
     colours, weight = (np.stack(np.unravel_index(numbers, spans), axis=1) + low) * cell, counts.astype(float)
     for place in earlier:
-        weight[np.abs(colours - place).max(axis=1) <= reach] = 0.0
+        weight[largest(np.abs(colours - place)) <= reach] = 0.0
     places: list[np.ndarray] = []
     while len(places) < MOST_PALETTE and len(weight):
         first = int(weight.argmax())
         if weight[first] < 2.0:
             break
-        own = (np.abs(colours - colours[first]).max(axis=1) <= reach) & (weight > 0.0)
+        own = (largest(np.abs(colours - colours[first])) <= reach) & (weight > 0.0)
         if weight[own].sum() < least:
             weight[first] = 0.0
             continue

@@ -384,12 +384,13 @@ def _median_fills(
     """Return the palette (P, 4) with the median of the pixels of each fill that are farthest from edges, of those that
     are off it by less than `near` (P,) levels; rounded to whole levels.
     """
-    depth, near = depth_in(labels), np.broadcast_to(near, len(palette))
+    depth, off = depth_in(labels), largest(np.abs(levels - palette[labels]))
+    close = off < np.broadcast_to(near, len(palette))[labels]
     out = palette.copy()
     for k, box in enumerate(ndimage.find_objects(labels + 1, len(palette))):
         if box is None:
             continue
-        own = (labels[box] == k) & (np.abs(levels[box] - palette[k]).max(axis=-1) < near[k])
+        own = (labels[box] == k) & close[box]
         if not own.any():
             continue
         deep = depth[box][own]

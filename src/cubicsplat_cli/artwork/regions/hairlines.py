@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.fills import ALIKE, CONTACT, LONG, MOST_SMALL, OPAQUE, SAME, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
@@ -36,7 +37,7 @@ def missing_fills(
     while len(found) < MOST_SMALL and left.sum() >= LONG:
         colours, index, counts = np.unique(steps[left], axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
-        np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
+        np.maximum.at(far, index.reshape(-1), largest(np.abs(values[left] - beside[left])))
         common = (counts >= LONG) & (step * (colours[:, 3] + 0.5) > OPAQUE)
         if not common.any():
             break
@@ -47,7 +48,7 @@ def missing_fills(
         near = ndimage.maximum_filter(shown, 2 * WINDOW + 1)[place] > 0
         at = np.flatnonzero(left & near)
         left[at[blend_with(values[at], fill, beside[at], beside[at])[1] <= close]] = False
-        left[np.abs(values - fill).max(axis=1) <= max(step, SAME)] = False
+        left[largest(np.abs(values - fill)) <= max(step, SAME)] = False
     return np.array(found).reshape(-1, 4)
 
 

@@ -42,7 +42,7 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
         if len(found) == MOST_SMALL or not (gap > least).any():
             break
         farthest = int(gap.argmax())
-        same = np.abs(levels - levels[farthest]).max(axis=1) <= reach
+        same = largest(np.abs(levels - levels[farthest])) <= reach
         fill = np.median(levels[same], axis=0)
         if same.sum() >= fewest and not _blend_of_three(fill, palette, ONE_OF_THREE * least):
             # A fill that only shows translucent is taken for opaque: its pixels are blends with nothing.

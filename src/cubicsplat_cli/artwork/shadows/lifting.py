@@ -118,7 +118,7 @@ def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
     shares, owner = [shadow.share_on(ground.mask) for ground in grounds], np.full(levels.shape[:2], -1)
     for k, (ground, share) in enumerate(zip(grounds, shares, strict=True)):
         casters = np.logical_or.reduce([cast.mask for cast in shadow.casts if falls_on(cast.mask, ground.mask)])
-        off = np.abs(ground.fill + share[..., None] * (colour - ground.fill) - levels).max(axis=2)
+        off = largest(np.abs(ground.fill + share[..., None] * (colour - ground.fill) - levels))
         near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=REACH) & (off <= EVEN)
         owner[(ground.mask & (off <= CLOSE + ALIKE)) | (near & ~casters & (owner < 0))] = k
     return [SoftArea(ground.fill, owner == k, colour, shares[k]) for k, ground in enumerate(grounds)]
