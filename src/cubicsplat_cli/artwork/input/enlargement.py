@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, largest
+from cubicsplat_cli.artwork.channels import FULL, LUMA, largest
 from cubicsplat_cli.artwork.input.grids import exact_grid
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.raster import ndimage
@@ -47,7 +47,9 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
             return small, (grid.side, grid.side)
     if min(levels.shape[:2]) < LOCAL:
         return levels, (1.0, 1.0)
-    seen = np.stack([levels[..., :3] @ LUMA.astype(levels.dtype), levels[..., 3]], axis=-1)  # chroma may be coarser
+    seen = (levels[..., :3] @ LUMA.astype(levels.dtype))[..., None]  # chroma may be coarser
+    if levels[..., 3].min() < FULL:
+        seen = np.concatenate([seen, levels[..., 3:]], axis=-1)
     axes = seen, seen.swapaxes(0, 1)
     steepest = [_steepest(axis) for axis in axes]
     if _sharp(steepest):

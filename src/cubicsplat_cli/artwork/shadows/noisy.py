@@ -143,25 +143,27 @@ def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
     return shown, field, float(explained[dark].mean()) if dark.any() else 0.0
 
 
-def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
-    """Return (H, W) the shares, 0 to 1, of a shadow of silhouettes (H, W, K), fitted to those seen in pixels that are
-    clear, (H, W) bool; zeros if there are no silhouettes, or too few pixels show it."""
+def _fitted(line: Line, casters: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """Return (H, W) the shares, 0 to 1, of a shadow, fitted to those seen in pixels that are clear, (H, W) bool; zeros
+    if nothing casts one, or too few pixels show it. casters: (H, W) as of `_silhouettes`."""
     from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
 
     seen, scale, step = line.shares, line.scale, -(-max(clear.shape) // FITTED)
-    small, whole, wanted = (
-        in_blocks(values.astype(np.float32), step).mean((2, 3)) for values in (masks, clear[..., None], seen[..., None])
-    )
-    wanted, order = scale * wanted.ravel(), np.random.default_rng(0)
-    dark, usable = wanted > LEAST_RANGE, whole.ravel() == 1.0
-    if not masks.shape[2] or not (usable & dark).any():
+    wanted, usable = (in_blocks(each.astype(np.float32), step).mean((2, 3)).ravel() for each in (seen, clear))
+    wanted, order, count = scale * wanted, np.random.default_rng(0), int(casters.max()) + 1
+    dark, usable = wanted > LEAST_RANGE, usable == 1.0
+    if not count or not (usable & dark).any():
         return np.zeros(seen.shape)
+    blocks = in_blocks(casters, step)
+    places = np.arange(blocks[..., 0, 0].size).reshape(*blocks.shape[:2], 1, 1) * count + blocks
+    shown = np.bincount(places[blocks >= 0], minlength=len(wanted) * count).reshape(*blocks.shape[:2], count)
+    small = (shown / step**2).astype(np.float32)
     at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
     wanted = wanted[at]
 
     def parts(place: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the opacities (K,) with which a shadow is nearest, and the levels (n, K) that these give it."""
-        blurred = scale * _blurred(small, *place).reshape(-1, small.shape[2])[at].astype(float)
+        blurred = scale * _blurred(small, *place).reshape(-1, count)[at].astype(float)
         found, _ = nnls(blurred, wanted.astype(float))
         return found, blurred * found
 
@@ -183,18 +185,18 @@ def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
     dx, dy, blur = fit.x
     found, seen_parts = parts(fit.x)
     # What shades no pixel plainly casts no shadow.
-    strong = masks @ np.where(seen_parts.max(axis=0) > CLOSE, found, 0.0).astype(np.float32)
+    strong = np.append(np.where(seen_parts.max(axis=0) > CLOSE, found, 0.0), 0.0).astype(np.float32)[casters]
     return np.clip(_blurred(strong[..., None], dx * step, dy * step, blur + math.log(step))[..., 0], 0.0, 1.0)
 
 
 def _silhouettes(ground: np.ndarray) -> np.ndarray:
-    """Return (H, W, K) 0 or 1, the pixels of each of the largest shapes on a ground (H, W) bool, and of all others."""
+    """Return (H, W) the numbers, from 0 on, of the largest shapes on a ground (H, W) bool, and the next one of all
+    others; -1 elsewhere."""
     inner = ndimage.binary_erosion(~ground, ndimage.SQUARE, iterations=RIM, border_value=1)
     labels, count = ndimage.label(inner, ndimage.SQUARE)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     rank = np.argsort(np.argsort(-sizes, kind="stable"))
-    number = np.append(-1, np.minimum(rank, MOST_CASTERS))
-    return (number[labels][..., None] == np.arange(number.max() + 1)).astype(np.float32)
+    return np.append(-1, np.minimum(rank, MOST_CASTERS))[labels]
 
 
 def _blurred(masks: np.ndarray, dx: float, dy: float, log_blur: float) -> np.ndarray:
