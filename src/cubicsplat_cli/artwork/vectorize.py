@@ -36,7 +36,7 @@ from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
+from cubicsplat_cli.artwork.input.prepare import Plain, PreparedInput, analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.limits import blocks_of
 from cubicsplat_cli.artwork.plan import as_if_clean, flat_fills, planned
@@ -61,12 +61,14 @@ TRACED, SMALLEST = 512, 128
 SKETCH = 160  # px of the longer side of a picture that is drawn in well under a second
 
 
-def prepare(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
-    """Return a picture prepared for `draw`; a small copy if the work is stopped. compression: of a lossy file."""
+def prepare(
+    target: np.ndarray, compression: Compression | None = None, plain: Callable[[], Plain] | None = None
+) -> PreparedInput:
+    """Return a picture prepared for `draw`; a small copy if the work is stopped. Parameters as of `analysed`."""
     prepared = None
     with work().stoppable():
         work().at("looking at the picture")
-        prepared = analysed(target, compression)
+        prepared = analysed(target, compression, plain)
     return prepared or _small(target)
 
 

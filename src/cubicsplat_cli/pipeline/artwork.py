@@ -23,7 +23,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import with_levels
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.formatting import hex_text
-from cubicsplat_cli.pipeline.likeness import file_db
+from cubicsplat_cli.pipeline.likeness import file_db, plain_picture
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.request import COLOR, KEEP, OBJECT, REMOVE, Request
@@ -82,7 +82,7 @@ def prepared_of(task: Task) -> PreparedInput:
     """Return the pixels of a picture, prepared to be drawn; see `prepare`."""
     from cubicsplat_cli.artwork.vectorize import prepare  # photos may do without
 
-    return prepare(task.pixels, task.target.compression)
+    return prepare(task.pixels, task.target.compression, partial(task.once, plain_picture))
 
 
 def drawn_outlines(

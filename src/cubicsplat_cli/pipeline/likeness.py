@@ -81,13 +81,17 @@ def _pairs(task: Task, made: Drawn) -> Iterable[tuple[Picture, ImageSource]]:
 
 def compared_copies(task: Task) -> list[Picture]:
     """Return the target, and a copy without colour fringes and halos if it has any, at the size that is compared."""
-    from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters  # photos and cells may do without
-
-    found, lossy = [task.target], task.target.compression is not None
-    plain, notes = without_filters(as_levels(task.pixels), lossy=lossy)
+    found, (plain, notes) = [task.target], task.once(plain_picture)
     if notes:
         found.append(with_levels(task.target, plain))
     return [resize_picture(each, LIKENESS_SIDE) for each in found]
+
+
+def plain_picture(task: Task) -> tuple[np.ndarray, list[str]]:
+    """Return the target's levels, (H, W, 4), without colour fringes and halos, and notes on these."""
+    from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters  # cells may do without
+
+    return without_filters(as_levels(task.pixels), lossy=task.target.compression is not None)
 
 
 def _beside(copies: Sequence[Picture], drawn: Sequence[np.ndarray]) -> Iterable[tuple[Picture, ImageSource]]:

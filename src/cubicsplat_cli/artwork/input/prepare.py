@@ -7,7 +7,7 @@ blended, the border, paper and pens, noise and compression, the scale, and the b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +37,7 @@ from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
+Plain = tuple[np.ndarray, list[str]]  # a picture (H, W, 4) in levels, and notes
 HALOS = "drawn without the halos that sharpening left at its edges"
 
 
@@ -90,22 +91,27 @@ class PreparedInput:
         return notes
 
 
-def analysed(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
-    """Prepare a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. compression: of a file with loss."""
+def analysed(
+    target: np.ndarray, compression: Compression | None = None, plain: Callable[[], Plain] | None = None
+) -> PreparedInput:
+    """Prepare a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. compression: of a file with loss.
+    plain: returns the picture as of `without_filters`, where that is known."""
     height, width = target.shape[:2]
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
     even, noise = (original, None) if compression else without_dither(original)
     if even is not original:
         notes.append("drawn in the colours that its palette stands for")
-    plain = compression is None and noise is None
-    if plain and (rounding := rounding_noise(original)) and without_linear_light(original) is original:
+    as_read = compression is None and noise is None
+    if as_read and (rounding := rounding_noise(original)) and without_linear_light(original) is original:
         # Blends in linear light look rounded too, and rounded ones look sharpened.
         condition = Condition(rounding, rounded=True)
         prepared = _prepared(reduced(even, factor), condition, factor, width, height, known=True)
         return replace(prepared, edge_notes=tuple(notes))
-    unsharp, filter_notes = without_filters(even, lossy=compression is not None)
+    known = plain() if plain and even is original else None
+    unsharp, filter_notes = known or without_filters(even, lossy=compression is not None)
     notes += filter_notes
+    unsharp = unsharp if filter_notes else even
     levels = without_linear_light(unsharp)
     if levels is not unsharp:
         notes.append("edges drawn where they are in linear light, in which they were blended")
@@ -122,7 +128,7 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     return replace(prepared, condition=condition, compression=compression, edge_notes=tuple(notes))
 
 
-def without_filters(levels: np.ndarray, *, lossy: bool) -> tuple[np.ndarray, list[str]]:
+def without_filters(levels: np.ndarray, *, lossy: bool) -> Plain:
     """Return a picture (H, W, 4) in levels without what programs do to a finished one, and notes on that: colour
     fringes of text, and sharpening; the same array if nothing was done. lossy: True if its file was compressed with
     loss, whose ringing looks like sharpening.
