@@ -38,7 +38,8 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
     damaged picture, whose fills are only freed of what stands for these; None for a clean one. simpler: whether the
     drawing is a simpler version, which gets no gradients that it has not.
     """
-    if not drawing.shapes or (flat is not None and not drawing.gradients):
+    shaded = bool(drawing.gradients)
+    if not drawing.shapes or (flat is not None and not shaded):
         return drawing
     height, width = levels.shape[:2]
     off = (levels - 255.0 * render_scene(scene_of(drawing)))[..., :3]
@@ -55,7 +56,7 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None, *, 
         if damaged or not len(y) or not is_opaque(shape.paint):
             continue
         shown = _Shown(x + left, y + top, share[y, x][:, None], off[window][y, x], shape)
-        paints: list[tuple[Paint, float]] = [*(shown.fills(flat) if drawing.gradients else ())]
+        paints: list[tuple[Paint, float]] = [*(shown.fills(flat) if shaded else ())]
         if flat is None and shape.stroke is None:
             # The errors of neighbouring pixels depend on each other, so that a gradient has to save more.
             paints += ((each, FILL_PARAMETERS / SHARE) for each in others if each != shape.gradient)

@@ -125,9 +125,10 @@ def apart(boxes: np.ndarray, numbers: Sequence[int]) -> list[list[int]]:
     """Numbers of boxes (n, 4) in groups of boxes of which no two overlap, the last ones first."""
     groups: list[list[int]] = []
     last_first = np.array(numbers[::-1], dtype=int)
-    own, group_of = boxes[last_first], np.empty(len(last_first), dtype=int)
-    for k, (number, box) in enumerate(zip(last_first.tolist(), own, strict=True)):
-        overlaps = ((own[:k, :2] < box[2:]) & (own[:k, 2:] > box[:2])).all(axis=1)
+    sides, group_of = np.ascontiguousarray(boxes[last_first].T), np.empty(len(last_first), dtype=int)
+    for k, number in enumerate(last_first.tolist()):
+        (x0, y0, x1, y1), (left, top, right, bottom) = sides[:, :k], sides[:, k]
+        overlaps = (x0 < right) & (x1 > left) & (y0 < bottom) & (y1 > top)
         taken = np.zeros(len(groups) + 1, dtype=bool)
         taken[group_of[:k][overlaps]] = True
         group_of[k] = first = int(taken.argmin())
