@@ -106,9 +106,7 @@ class Divider {
     }
     if (cubic < most_cubic) {
       sampled.start();
-      double misfit = sampled.rough(out.control);
-      if (misfit < kHopeless * (price_ + double(count)) || last == first + 1) misfit = sampled.exact(out.control);
-      out.cubic = 0.5 * misfit + cubic;
+      out.cubic = 0.5 * sampled.exact(out.control) + cubic;
     }
     return out;
   }

@@ -32,8 +32,6 @@ void solve(double (*a)[kValues], double* x) {
 constexpr int kSamples = 20, kRounds = 3;           // samples: a multiple of 4
 constexpr double kShortest = 0.03, kLongest = 1.0;  // handles, of the run's length
 constexpr double kOutlying = 3.0;                   // standard errors beyond which a distance counts linearly
-constexpr double kHopeless =
-    400.0;  // misfit, per price of a parameter and per point, of a rough cubic without a future
 constexpr double kLineSlack = 0.00872664625997165;  // radians, between a line and the tangent where it meets a cubic
 constexpr double kSteepest = 30.0;                  // such slacks, beyond which the angle counts no more
 
@@ -119,30 +117,6 @@ struct Sampled {
       const double step = (dx * vx + dy * vy) / std::max(bend > kConvex * speed ? bend : speed, kLeast);
       to[k] = std::min(std::max(t - step, 0.0), 1.0);
     }
-  }
-
-  // The cubic with the ends and tangents as given, after one step of least squares for the handle lengths.
-  double rough(double* cubic) const {
-    const Point first = tangents[0], last{-tangents[1].x, -tangents[1].y};
-    double a11 = 0.0, a22 = 0.0, a12 = 0.0, r1 = 0.0, r2 = 0.0;
-    for (int k = 0; k < kSamples; k++) {
-      const double t = u[k], v = 1.0 - t, b0 = v * v * v, b1 = 3.0 * v * v * t, b2 = 3.0 * v * t * t, b3 = t * t * t;
-      const Point across{x[k] - (b0 + b1) * ends[0].x - (b2 + b3) * ends[1].x,
-                         y[k] - (b0 + b1) * ends[0].y - (b2 + b3) * ends[1].y};
-      a11 += weights[k] * b1 * b1, a22 += weights[k] * b2 * b2, a12 += weights[k] * b1 * b2;
-      r1 += weights[k] * b1 * dot(across, first), r2 += weights[k] * b2 * dot(across, last);
-    }
-    a12 *= dot(first, last);
-    const double ridge = 1e-3 * (a11 + a22) + 1e-9, third = length / 3.0;
-    a11 += ridge, a22 += ridge, r1 += ridge * third, r2 += ridge * third;
-    const double scale = a11 * a22 - a12 * a12;
-    const double out = std::clamp((a22 * r1 - a12 * r2) / scale, kShortest * length, kLongest * length);
-    const double in = std::clamp((a11 * r2 - a12 * r1) / scale, kShortest * length, kLongest * length);
-    const Point p[4] = {ends[0], ends[0] + first * out, ends[1] + last * in, ends[1]};
-    for (int k = 0; k < 4; k++) cubic[2 * k] = p[k].x, cubic[2 * k + 1] = p[k].y;
-    double at[kSamples];
-    approach(cubic, u, at);
-    return misfit(cubic, at);
   }
 
   // The best cubic, whose ends and tangents move as far as their errors allow. Its six values are two handle lengths, two
