@@ -162,3 +162,23 @@ def test_arguments_that_mean_nothing_are_refused():
         ours.uniform_filter(picture, 3, mode="mirror")
     with pytest.raises(TypeError, match="uint8"):
         ours.uniform_filter(picture.astype(np.uint8), 3)
+
+
+@given(st.integers(8, 40), st.floats(1.2, 6.0), st.integers(1, 3), st.booleans(), st.integers(0, 2**32))
+def test_lines_before_they_were_enlarged(length, times, columns, beyond, seed):
+    rows, random = round(length * times), np.random.default_rng(seed)
+    at = (np.arange(rows) + 0.5) * length / rows - 0.5
+    near = np.floor(at).astype(int)[:, None] + np.arange(-2, 4)
+    off = np.abs(at[:, None] - near)
+    weights = np.where((near >= 0) & (near < length) & (off < 2.0), np.cos(0.5 * np.pi * off) + 0.2 * (off < 1.0), 0.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    enlarging = np.zeros((rows, length))
+    np.add.at(enlarging, (np.arange(rows)[:, None], near.clip(0, length - 1)), weights)
+    small = random.integers(0, 256, (length, columns)) if beyond else random.integers(110, 145, (length, columns))
+    found, again = ours.before_enlarging(np.clip(enlarging @ small, 0.0, 255.0), length, near[:, 0], weights)
+    np.testing.assert_allclose(again, enlarging @ found, atol=1e-9)
+    if not beyond:  # else what was cut off at an end of the scale is not always known
+        same(found, small.astype(float))
+    noisy = 127.0 + random.normal(0.0, 5.0, (rows, columns))
+    nearest = np.linalg.lstsq(enlarging, noisy, rcond=None)[0].clip(0.0, 255.0)
+    assert np.abs(ours.before_enlarging(noisy, length, near[:, 0], weights)[0] - nearest).max() <= 0.5 + 1e-6

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.raster.native import Out, bools, doubles, native
+from cubicsplat_cli.raster.native import Out, bools, doubles, int32s, native
 
 _native = partial(native, "filters")
 # The numbers that kernels/cpu/line_filters.cpp has for them.
@@ -73,6 +73,17 @@ def gaussian_filter(
             weights = np.exp(-0.5 / (width * width) * np.arange(-reach, reach + 1) ** 2)
             windows.append((axis, len(weights), weights / weights.sum()))
     return _filtered(_SUM, values, windows, mode)
+
+
+def before_enlarging(
+    lines: np.ndarray, length: int, first: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (length, ...) whole levels, 0 to 255, that are nearest to lines (n, ...) once they are enlarged; and (n,
+    ...) these. Values that enlarging takes beyond an end of the scale are clipped there; six rounds find them. first:
+    (n,) the first of six rows that each line holds; weights: (n, 6) of these, 0 for those that there are not."""
+    columns, shape = lines[0].size, lines.shape[1:]
+    given = len(lines), length, columns, int32s(first), doubles(weights), doubles(lines)
+    return _native("cs_before_enlarging", *given, Out((length, *shape)), Out(lines.shape))
 
 
 def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.ndarray, int]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from cubicsplat_cli.artwork.channels import FULL, LUMA, largest
 from cubicsplat_cli.artwork.input.grids import exact_grid
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.raster import ndimage
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 # Levels between neighbours at an edge; by which repeating the enlargement may be off, at most and times the share of
 # the pixels along an axis that the smaller picture lacks: 1.2 for a fifth.
@@ -60,8 +56,7 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
         found = _before(axis, sorted({round(share * len(axis)) for share in shares}))
         if found is None:
             return levels, (1.0, 1.0)
-        length, kernel = found
-        lines = _inverse(lines, _enlarging(len(lines), length, kernel)).swapaxes(0, 1)
+        lines = _inverse(lines, *found)[0].swapaxes(0, 1)
     height, width = lines.shape[:2]
     return np.ascontiguousarray(lines, dtype=np.float32), (levels.shape[1] / width, levels.shape[0] / height)
 
@@ -138,8 +133,7 @@ def _sharp(axes: Sequence[np.ndarray]) -> bool:
 
 def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
     """Return the mean error in levels, at edges, of lines (H, n, C) reduced and enlarged again; inf with few edges."""
-    enlarging = _enlarging(len(lines), length, kernel)
-    again = (enlarging @ _inverse(lines, enlarging).reshape(length, -1)).reshape(lines.shape)
+    _, again = _inverse(lines, length, kernel)
     off = largest(np.abs(np.clip(again, 0, 255) - lines))
     # Enlarged more than 4 times, a step of 4 EDGE is an edge still, though spread over more px.
     steep = EDGE * min(1.0, 4.0 * length / len(lines))
@@ -147,38 +141,13 @@ def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
     return float(off[edge].mean()) if edge.sum() >= FEWEST else np.inf
 
 
-def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
-    """Return (h, n, 4) whole levels whose enlarged lines are nearest to the given ones (H, n, 4). Values that enlarging
-    takes beyond 0 or 255 are clipped there; six rounds find them.
-    """
-    from scipy.linalg import cho_solve_banded, cholesky_banded  # see _enlarging
-
-    gram = enlarging.T @ enlarging
-    bands = np.stack([np.pad(gram.diagonal(-k), (0, k)) for k in range(gram.todia().offsets.max() + 1)])
-    factors = (cholesky_banded(bands, lower=True), True)
-    flat = lines.reshape(len(lines), -1).astype(np.float64)
-    low, high = flat <= 0.5, flat >= 254.5
-    small = cho_solve_banded(factors, enlarging.T @ flat)
-    for _ in range(6 if low.any() or high.any() else 0):
-        small = np.clip(small, 0.0, 255.0)
-        again = enlarging @ small
-        target = np.where(low, np.minimum(again, flat), np.where(high, np.maximum(again, flat), flat))
-        small = cho_solve_banded(factors, enlarging.T @ target)
-    return np.clip(np.rint(small), 0.0, 255.0).reshape(-1, *lines.shape[1:])
-
-
-def _enlarging(length: int, count: int, kernel: Kernel) -> sparse.csr_matrix:
-    """Return (length, count) the weights of the pixels of a smaller line in those of the larger one."""
-    from scipy import sparse  # takes a while to import, and few pictures are soft enough to get here
-
-    at = (np.arange(length) + 0.5) * (count / length) - 0.5
+def _inverse(lines: np.ndarray, length: int, kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
+    """Return lines (H, n, C) as they were before they were enlarged from (length, n, C), and enlarged again."""
+    at = (np.arange(len(lines)) + 0.5) * (length / len(lines)) - 0.5
     near = np.floor(at).astype(int)[:, None] + np.arange(-2, 4)  # no kernel reaches 3 px
-    weights = np.where((near >= 0) & (near < count), kernel(at[:, None] - near), 0.0)
+    weights = np.where((near >= 0) & (near < length), kernel(at[:, None] - near), 0.0)
     weights /= weights.sum(axis=1, keepdims=True)
-    places = np.repeat(np.arange(length), near.shape[1]), near.clip(0, count - 1).ravel()
-    enlarging = sparse.csr_matrix((weights.ravel(), places), (length, count))
-    enlarging.eliminate_zeros()
-    return enlarging
+    return ndimage.before_enlarging(lines, length, near[:, 0], weights)
 
 
 def _cubic(x: np.ndarray, b: float, c: float) -> np.ndarray:

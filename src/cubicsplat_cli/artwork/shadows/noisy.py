@@ -146,14 +146,14 @@ def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
 def _fitted(line: Line, casters: np.ndarray, clear: np.ndarray) -> np.ndarray:
     """Return (H, W) the shares, 0 to 1, of a shadow, fitted to those seen in pixels that are clear, (H, W) bool; zeros
     if nothing casts one, or too few pixels show it. casters: (H, W) as of `_silhouettes`."""
-    from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
-
     seen, scale, step = line.shares, line.scale, -(-max(clear.shape) // FITTED)
     wanted, usable = (in_blocks(each.astype(np.float32), step).mean((2, 3)).ravel() for each in (seen, clear))
     wanted, order, count = scale * wanted, np.random.default_rng(0), int(casters.max()) + 1
     dark, usable = wanted > LEAST_RANGE, usable == 1.0
     if not count or not (usable & dark).any():
         return np.zeros(seen.shape)
+    from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
+
     blocks = in_blocks(casters, step)
     places = np.arange(blocks[..., 0, 0].size).reshape(*blocks.shape[:2], 1, 1) * count + blocks
     shown = np.bincount(places[blocks >= 0], minlength=len(wanted) * count).reshape(*blocks.shape[:2], count)
