@@ -10,8 +10,8 @@
 namespace cs {
 namespace {
 
-constexpr int kTaps = 6,
-              kRounds = 6;  // pixels of the smaller line in one of the larger; rounds that find clipped values
+constexpr int kTaps = 6;                          // pixels of the smaller line in one of the larger
+constexpr int kRounds = 6;                        // in which clipped values are found
 constexpr double kFull = 255.0, kRounding = 0.5;  // levels
 
 // Rows of values, each the sum of kTaps rows of a smaller array, from `first` on, times weights.
