@@ -1,8 +1,8 @@
 """The functions of scipy.ndimage that drawings need, natively: with its names, arguments and results.
 
 It takes half a second to import scipy.ndimage, as long as a small drawing takes. Arrays are pictures (H, W) or
-(H, W, C), or lines; masks may be of any type, and are true if not 0. scipy has no alike, ranges, large_parts,
-renumbered, skeletonize, holes_of and reached.
+(H, W, C), or lines; masks may be of any type, and are true if not 0. scipy has no alike, ranges, before_enlarging,
+large_parts, renumbered, skeletonize, holes_of and reached.
 """
 
 from __future__ import annotations

@@ -66,8 +66,8 @@ class Enlarging {
   void each(Call call) const {
     for (int64_t row = 0; row < length_; row++)
       for (int k = 0; k < kTaps; k++) {
-        const int64_t i = first_[row] + k;
-        if (i >= 0 && i < count_) call(row, i, weights_[kTaps * row + k]);
+        const double weight = weights_[kTaps * row + k];  // 0 of most taps, as few kernels are as wide
+        if (weight != 0.0) call(row, first_[row] + k, weight);
       }
   }
   void add(double* to, double weight, const double* from) const {
@@ -84,7 +84,7 @@ class Enlarging {
 extern "C" {
 
 // small: count x columns, written, whole levels; again: length x columns, the same enlarged; see `before_enlarging` in
-// raster/ndimage.py. first: length; weights: length x 6.
+// raster/ndimage.py. first: length; weights: length x 6, 0 for rows of `small` that there are not.
 CS_EXPORT int32_t cs_before_enlarging(int64_t length, int64_t count, int64_t columns, const int32_t* first,
                                       const double* weights, const double* lines, double* small, double* again) {
   using namespace cs;
