@@ -228,15 +228,18 @@ struct Outline {
     const int64_t n = loop.count();
     const auto hidden = [&](int64_t i) { return loop.weights[(i % n + n) % n] <= 0.0; };
     bool moved = false;
+    int64_t beside = 0;  // the point that the last anchor is near, from which on the next one's lies
     for (size_t i = 0; i < anchors.size(); i++) {
       const Point here = anchors[i];
+      int64_t tried = 0;
+      while (tried < n && (loop.at[beside] - here).length() > kLongestTip) beside = (beside + 1) % n, tried++;
+      if (tried < n) continue;
       int64_t nearest = 0;
       double least = HUGE_VAL;
       for (int64_t k = 0; k < n; k++) {
         const double away = (loop.at[k] - here).length();
         if (away < least) least = away, nearest = k;
       }
-      if (!(least > kLongestTip)) continue;
       double most = kLongestTip;
       for (int64_t k = nearest - 1; hidden(k) && nearest - k < n; k--) most += 1.0;
       for (int64_t k = nearest; hidden(k) && k - nearest < n; k++) most += 1.0;
