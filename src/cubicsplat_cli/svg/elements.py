@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.record import record
-from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share, transform_matrix, translation
+from cubicsplat_cli.svg.values import parse_length, share, transform_matrix, translation
 
 SVG = "{http://www.w3.org/2000/svg}"
 ElementTree.register_namespace("", SVG[1:-1])  # elements are written without a prefix
@@ -39,9 +38,6 @@ _EFFECTS = ("clip-path", "mask", "filter")
 _PROPERTIES = (*_INHERITED, "opacity", "display", *_EFFECTS)
 _RULE = re.compile(r"([^{}]+)\{([^{}]*)\}")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-_REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)")
-LEAST_OPACITY = 1.0 / 512.0  # below it nothing shows in 8 bits
-Paint = TypeVar("Paint")
 _SELECTOR = re.compile(r"([\w-]+|\*)?(?:([.#])([\w-]+))?")
 
 
@@ -104,20 +100,6 @@ class StyledShape:
             f"M{x + rx!r} {y!r}H{right - rx!r}{arc}{right!r} {y + ry!r}V{bottom - ry!r}{arc}{right - rx!r} {bottom!r}"
             f"H{x + rx!r}{arc}{x!r} {bottom - ry!r}V{y + ry!r}{arc}{x + rx!r} {y!r}Z"
         )
-
-    def paint(self, name: str, server: Callable[[str], Paint | None]) -> tuple[Rgba | Paint | None, float]:
-        """Return the paint of a "fill" or "stroke", None if there is none to be seen, and its opacity.
-
-        server: returns the paint of an id, or None if it has none. Raises ValueError for a colour or an opacity that
-        cannot be read.
-        """
-        text, current = self.style[name], self.style["color"]
-        match = _REFERENCE.fullmatch(text)
-        paint: Rgba | Paint | None = colour(text, current) if match is None else server(match[1])
-        if paint is None and match is not None and match[2]:
-            paint = colour(match[2], current)
-        opacity = share(self.style[f"{name}-opacity"]) * self.opacity
-        return (paint, opacity) if paint is not None and opacity >= LEAST_OPACITY else (None, 0.0)
 
 
 class StyledTree:

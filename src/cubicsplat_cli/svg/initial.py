@@ -21,8 +21,7 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, mean_fill
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.elements import LEAST_OPACITY
-from cubicsplat_cli.svg.painted import Paint, PaintedShape, painted_shapes
+from cubicsplat_cli.svg.painted import LEAST_OPACITY, Paint, PaintedShape, painted_shapes
 from cubicsplat_cli.svg.paths import Subpath, groups_apart
 from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree
@@ -22,6 +23,8 @@ from cubicsplat_cli.svg.shading import without_shading
 from cubicsplat_cli.svg.untrusted import SvgSize
 from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share
 
+LEAST_OPACITY = 1.0 / 512.0  # below it nothing shows in 8 bits
+_REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)")
 Paint = Rgba | Gradient  # sRGB and opacity in [0, 1]; or a gradient in px, its stops with the shape's opacity
 
 
@@ -123,21 +126,25 @@ def _paint(
     left_out: Counter[str],
 ) -> Paint | None:  # fmt: skip
     """Return the "fill" or "stroke" of a shape, None if there is none. lines: its subpaths in its own units."""
-
-    def server(identifier: str) -> Gradient | None:
-        if identifier not in gradients:
-            left_out["pattern"] += 1
-            return None
+    style = shape.style
+    match = _REFERENCE.fullmatch(style[name])
+    paint: Paint | None
+    if match is None:
+        paint = colour(style[name], style["color"])
+    elif match[1] in gradients:
         # The bounding box, true to a thousandth of each cubic.
         cubics = np.concatenate([line.cubics for line in lines])
         points = points_at(cubics, np.linspace(0.0, 1.0, 33)).reshape(-1, 2)
         (left, top), (width, height) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
-        return gradients.gradient(identifier, (left, top, width, height), matrix)
-
-    paint: Paint | None
-    paint, opacity = shape.paint(name, server)
-    if paint is None or isinstance(paint, tuple):
-        return None if paint is None else (*paint[:3], paint[3] * opacity)
+        paint = gradients.gradient(match[1], (left, top, width, height), matrix)
+    else:
+        left_out["pattern"] += 1
+        paint = colour(match[2], style["color"]) if match[2] else None
+    opacity = share(style[f"{name}-opacity"]) * shape.opacity
+    if paint is None or opacity < LEAST_OPACITY:
+        return None
+    if isinstance(paint, tuple):
+        return (*paint[:3], paint[3] * opacity)
     stops = (replace(stop, colour=(*stop.colour[:3], round(stop.colour[3] * opacity))) for stop in paint.stops)
     return replace(paint, stops=tuple(stops))
 
