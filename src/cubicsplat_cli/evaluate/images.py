@@ -224,31 +224,23 @@ def of_values(values: np.ndarray) -> ImageSource:
 def of_scene(scene: AnyScene | None, width: int, height: int, samples: int, threads: int | None = None) -> ImageSource:
     """Return the source of the engine's exact picture of a scene at width x height px; without a scene it is clear.
 
-    samples: edges per cubic at most. Each call of `rows` draws them.
+    samples: edges per cubic at most. Each call of `rows` draws them. Each of several layers is drawn as a whole,
+    clipped, and laid over the layers before it.
     """
     sized = (scene or LayeredScene(width, height, ())).scaled(width, height)
-    if isinstance(sized, LayeredScene):
-        return _of_layers(sized, samples, threads)
-
-    def rows(top: int, bottom: int) -> np.ndarray:
-        return np.clip(draw_part(sized, 1, Tile(0, top, width, bottom - top), samples, threads), 0.0, 1.0)
-
-    return ImageSource(width, height, sized.background is None, rows)
-
-
-def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
-    """Return the source of layers: each is drawn as a whole, clipped, and laid over the layers before it."""
 
     def rows(top: int, bottom: int) -> np.ndarray:
         def drawn(part: Scene | EmbeddedImage) -> np.ndarray:
             if isinstance(part, EmbeddedImage):
                 return part.rows(top, bottom)
-            return draw_part(part, 1, Tile(0, top, scene.width, bottom - top), samples, threads)
+            return draw_part(part, 1, Tile(0, top, width, bottom - top), samples, threads)
 
-        out: np.ndarray = np.zeros((bottom - top, scene.width, 4), np.float32)
-        for layer in scene.layers:
+        if isinstance(sized, Scene):
+            return np.clip(drawn(sized), 0.0, 1.0)
+        out: np.ndarray = np.zeros((bottom - top, width, 4), np.float32)
+        for layer in sized.layers:
             whole = laid_over([drawn(part) for part in layer.scenes])
             out = laid_over((out, whole if layer.clip is None else whole * drawn(layer.clip)[..., 3:]))
         return np.clip(out, 0.0, 1.0)
 
-    return ImageSource(scene.width, scene.height, True, rows)
+    return ImageSource(width, height, isinstance(sized, LayeredScene) or sized.background is None, rows)
