@@ -102,7 +102,11 @@ def _shaded(
                     ground = paint
     if ground is None or bool(curves) == bool(images):
         raise ValueError("has a shading without a ground or without curves")
-    shading: Scene | EmbeddedImage = images[0] if images else _scene(size, curves[::-1])
+    if images:
+        return Shape(ground[0], outlines, group.attributes["id"], ground[1], shading=images[0])
+    rings, colours = zip(*curves[::-1], strict=True)  # the first one of a scene is at the front
+    fills = np.array(colours, np.float32) / np.array([255.0, 255.0, 255.0, 1.0], np.float32)
+    shading = Scene.filled(*size, [[ring.astype(np.float32)] for ring in rings], fills)
     return Shape(ground[0], outlines, group.attributes["id"], ground[1], shading=shading)
 
 
@@ -128,12 +132,6 @@ def _shading_curves(group: OwnElement) -> list[ShadingCurve]:
                     raise ValueError("has path data other than closed rings of L, H, V and C")
                 curves.append((ring_of(subpath).cubics[:, :3].reshape(-1, 2) / steps, fill))
     return curves
-
-
-def _scene(size: tuple[int, int], curves: Sequence[ShadingCurve]) -> Scene:
-    """Return the curves of a shading as a scene, the first one at the front."""
-    fills = np.array([fill for _, fill in curves], np.float32) / np.array([255.0, 255.0, 255.0, 1.0], np.float32)
-    return Scene.filled(*size, [[ring.astype(np.float32)] for ring, _ in curves], fills)
 
 
 def _shapes(element: OwnElement, gradients: GradientReader) -> list[Shape]:
