@@ -98,23 +98,20 @@ def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> n
     """Return control points of the same picture that are shorter to write; changes those given."""
     closed = mode is Mode.CLOSED
     if ring_ends is None:
-        return _shortest_description(points, closed=closed)
+        return _shortest_description(points, closed)
     for curve, rings in enumerate(ring_slices(ring_ends, closed=closed)):
         for ring in rings:
             # A hole runs against the ring around it, so one ring of several must keep its direction.
-            shorter = _shortest_description(points[curve, None, ring], closed=closed, turn=len(rings) == 1)
-            points[curve, ring] = shorter[0]
+            own = points[curve, None, ring]
+            points[curve, ring] = (_shortest_description(own, closed) if len(rings) == 1 else _best_start(own))[0]
     return points
 
 
-def _shortest_description(points: np.ndarray, *, closed: bool, turn: bool = True) -> np.ndarray:
+def _shortest_description(points: np.ndarray, closed: bool) -> np.ndarray:
     """Return each curve (N, K, 2) int64 in the direction and from the anchor that are shortest to write.
 
-    The picture stays the same, since the nonzero rule ignores the direction and round caps are alike. turn: whether a
-    curve may run backwards.
+    The picture stays the same, since the nonzero rule ignores the direction and round caps are alike.
     """
-    if not turn:
-        return _best_start(points)
     backwards = np.concatenate([points[:, :1], points[:, :0:-1]], axis=1) if closed else points[:, ::-1]
     if closed:
         points, backwards = _best_start(points), _best_start(backwards)

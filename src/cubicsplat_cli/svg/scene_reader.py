@@ -171,18 +171,18 @@ def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[
 
 def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
     """Return the control points of cubics in a row, the start of a ring once. Raises ValueError for other segments."""
-    if mode is Mode.CLOSED:
-        if not subpath or subpath[-1].command != "Z":
-            raise ValueError("has a closed curve whose path does not end with z")
-        end, subpath = subpath[-1], subpath[:-1]
-    if not subpath:
+    closed = mode is Mode.CLOSED
+    if closed and (not subpath or subpath[-1].command != "Z"):
+        raise ValueError("has a closed curve whose path does not end with z")
+    cubics = subpath[:-1] if closed else subpath
+    if not cubics:
         raise ValueError("has path data that does not begin with one point and a cubic")
-    if any(segment.command != "C" for segment in subpath):
+    if any(segment.command != "C" for segment in cubics):
         raise ValueError("has path data other than M, cubics and z")
-    if mode is Mode.CLOSED and end.start != end.end:
+    if closed and subpath[-1].start != subpath[-1].end:
         raise ValueError("has a closed curve that does not return to its start")
-    points = [point for segment in subpath for point in (segment.start, *segment.handles)]
-    return points if mode is Mode.CLOSED else [*points, subpath[-1].end]
+    points = [point for segment in cubics for point in (segment.start, *segment.handles)]
+    return points if closed else [*points, cubics[-1].end]
 
 
 def _points_of_shape(element: OwnElement) -> np.ndarray:
