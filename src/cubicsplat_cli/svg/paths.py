@@ -15,7 +15,7 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.values import NUMBER
 
 LETTERS = "MmLlHhVvCcSsQqTtAaZz"
-_COMMAND = re.compile(rf"[{LETTERS}]")
+_START, _COMMAND = re.compile(rf"[\s,]*(?:[{LETTERS}]|\Z)"), re.compile(rf"([{LETTERS}])([^{LETTERS}]*)")
 # The flags of an arc need no separator between or after them.
 _NUMBER, _FLAG, _BLANK = re.compile(rf"[\s,]*({NUMBER})"), re.compile(r"[\s,]*([01])"), re.compile(r"[\s,]*")
 _COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "Z": 0}
@@ -54,16 +54,12 @@ def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
     # The letters alone show most data that is too long.
     if len(d) > MAX_COMMANDS and sum(map(d.count, LETTERS)) > MAX_COMMANDS:
         raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
-    command = _COMMAND.search(d)
-    begin = len(d) if command is None else command.start()
-    if not _BLANK.fullmatch(d, 0, begin):
+    if not _START.match(d):
         raise InputError(f"path data that cannot be read at {d[:12]!r}")
     count = 0
-    while command is not None:
-        letter, begin = command[0], command.end()
-        command = _COMMAND.search(d, begin)
-        end = len(d) if command is None else command.start()
-        for numbers in _grouped(letter, d, begin, end):
+    for command in _COMMAND.finditer(d):
+        letter = command[1]
+        for numbers in _grouped(letter, d, *command.span(2)):
             if count == MAX_COMMANDS:
                 raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
             count += 1
