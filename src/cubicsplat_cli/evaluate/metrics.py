@@ -55,7 +55,7 @@ def measure(
             second = f"the other picture {candidate.width} x {candidate.height} px"
             raise InputError(f"sizes differ: {first}, {second}; scale one of them first")
     layer, count = of_picture(reference), len(candidates)
-    sums = _compared(layer, candidates, similarity=True, threads=threads, strip_pixels=strip_pixels)
+    sums = _compared(layer, candidates, threads, strip_pixels, similarity=True)
     agreement = None if count < 2 else _worst_psnr(layer, sums[:, count])
     return [_quality(layer, sums[:, index]) for index in range(count)], agreement
 
@@ -63,7 +63,7 @@ def measure(
 def psnr_db(reference: Picture, candidate: ImageSource, threads: int | None = None) -> float | None:
     """Return the PSNR alone, in dB, of a candidate of the reference's size; None if no value differs."""
     layer = of_picture(reference)
-    return _worst_psnr(layer, _compared(layer, [candidate], similarity=False, threads=threads)[:, 0])
+    return _worst_psnr(layer, _compared(layer, [candidate], threads, STRIP_PIXELS, similarity=False)[:, 0])
 
 
 def weighted_psnr_db(reference: Picture, candidate: ImageSource, weights: np.ndarray) -> float | None:
@@ -87,12 +87,7 @@ def decibels(mean_square: float) -> float:
 
 
 def _compared(
-    reference: ImageSource,
-    candidates: Sequence[ImageSource],
-    *,
-    similarity: bool,
-    threads: int | None,
-    strip_pixels: int = STRIP_PIXELS,
+    reference: ImageSource, candidates: Sequence[ImageSource], threads: int | None, strip_pixels: int, similarity: bool
 ) -> np.ndarray:
     """Compare the reference with each candidate, and each two candidates with one another.
 
