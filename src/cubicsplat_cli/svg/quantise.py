@@ -17,7 +17,7 @@ from cubicsplat_cli.scene import Scene, pack_rings, ring_slices
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, parameter, radial_of_frame
 from cubicsplat_cli.settings import PRECISION, Mode, width_decimals
-from cubicsplat_cli.svg.values import OPACITY_DECIMALS, OPAQUE, levels_of
+from cubicsplat_cli.svg.values import OPACITY_DECIMALS, OPAQUE
 
 # Renderers store coordinates as 24.8 fixed point (cairo) or float32; no canvas is nearly this large.
 MAX_COORDINATE = 4.0e6
@@ -32,20 +32,16 @@ class GridScene:
 
     points: (N, K, 2) int64, multiples of 10^-precision px. colours: (N, 3) int64 in 0..255. opacities: (N,) int64 in
     0..1000, thousandths. stroke_widths: (N,) int64, multiples of 10^-width_decimals px (the full width; 0 for closed).
-    background: three integers in 0..255, or None. ring_ends: (N, R) int32 as in `Scene`, or None if all curves are one
-    ring of one length; the padding of `points` is zero. gradients: of each curve, None if it is flat, in px and not yet
-    rounded. If the opacities of its stops differ, they replace that of the curve, which is 1 then.
+    ring_ends: (N, R) int32 as in `Scene`, or None if all curves are one ring of one length; the padding of `points` is
+    zero. gradients: of each curve, None if it is flat, in px and not yet rounded. If the opacities of its stops differ,
+    they replace that of the curve, which is 1 then.
     """
 
-    mode: Mode
-    width: int
-    height: int
     precision: int
     points: np.ndarray
     colours: np.ndarray
     opacities: np.ndarray
     stroke_widths: np.ndarray
-    background: tuple[int, int, int] | None
     ring_ends: np.ndarray | None
     gradients: list[Gradient | None]
 
@@ -71,15 +67,11 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
     _refuse(scene.half_widths > MAX_COORDINATE, f"half-width exceeds {MAX_COORDINATE:.0f} px")
     gradients, colours, opacities = paints_of(scene, precision)
     return GridScene(
-        mode=scene.mode,
-        width=scene.width,
-        height=scene.height,
         precision=precision,
         points=_shortest(scene.mode, _round(points, 10**precision), ring_ends),
         colours=_round(colours, 255),
         opacities=_round(opacities, 10**OPACITY_DECIMALS),
         stroke_widths=_round(2.0 * scene.half_widths, 10 ** width_decimals(precision)),
-        background=levels_of(scene.background),
         ring_ends=ring_ends,
         gradients=gradients,
     )

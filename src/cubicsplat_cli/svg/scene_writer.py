@@ -20,7 +20,7 @@ from cubicsplat_cli.scene.shapes import lengths, nearest_shape
 from cubicsplat_cli.settings import ANY, Mode, width_decimals
 from cubicsplat_cli.svg.markup import GradientElements, format_number, gradient_element, joined, titled
 from cubicsplat_cli.svg.quantise import GridScene, gradient_decimals, to_grid
-from cubicsplat_cli.svg.values import OPACITY_DECIMALS
+from cubicsplat_cli.svg.values import OPACITY_DECIMALS, levels_of
 
 BACKGROUND_ID, CURVES_ID, UNITS_ID = "background", "curves", "units"
 # Bytes of a path besides its data: tag, colour and width; and its opacity, unless the group says it for all.
@@ -46,12 +46,12 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
     `<ellipse>`, `<rect>` or `<polygon>` instead of paths. Raises the errors of `to_grid`.
     """
     grid = to_grid(scene, precision)
-    size = (grid.width, grid.height)
-    drawing = svgwrite.Drawing(size=size, viewBox=f"0 0 {grid.width} {grid.height}", profile="full", debug=False)
-    if grid.background is not None:
-        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=hex_text(grid.background)))
+    size = (scene.width, scene.height)
+    drawing = svgwrite.Drawing(size=size, viewBox=f"0 0 {scene.width} {scene.height}", profile="full", debug=False)
+    if (background := levels_of(scene.background)) is not None:
+        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=hex_text(background)))
     definitions, paints = _definitions(grid)
-    drawing.add(_curve_group(drawing, grid, paints))
+    drawing.add(_curve_group(drawing, scene.mode, grid, paints))
     root = drawing.get_xml()
     if shapes != ANY:
         for path, points in zip(root[-1], as_numpy(scene.points)[::-1] * 10.0**precision, strict=True):
@@ -93,11 +93,11 @@ def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
     return definitions, paints
 
 
-def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, paints: list[str]) -> svgwrite.container.Group:
+def _curve_group(drawing: svgwrite.Drawing, mode: Mode, grid: GridScene, paints: list[str]) -> svgwrite.container.Group:
     """Return the group of all paths with what they share; index 0 is the front, so it comes last."""
-    closed = grid.mode is Mode.CLOSED
+    closed = mode is Mode.CLOSED
     group = drawing.g(id=CURVES_ID)
-    group.update(GROUP_STYLES[grid.mode])
+    group.update(GROUP_STYLES[mode])
     if grid.precision > 0:
         # The unit of the paths is one step of their grid, because whole numbers are the shortest.
         group.update({"transform": f"scale({format_number(1, grid.precision)})"})

@@ -89,7 +89,7 @@ def _curves(scene: Scene) -> ElementTree.Element:
     if _straight(scene.points, 0.5 / steps):
         data = [_polygon(corners) for corners in grid.points[:, ::3].tolist()]
     else:
-        data = path_strings(grid.points, grid.ring_ends, closed=grid.mode is Mode.CLOSED)
+        data = path_strings(grid.points, grid.ring_ends, closed=scene.mode is Mode.CLOSED)
     for index in reversed(range(len(data))):
         curve = {"d": data[index], "fill": short_colour(*grid.colours[index].tolist())}
         if opacities[index] != shared:
