@@ -126,8 +126,11 @@ def _sums_of(parts: Sequence[np.ndarray], ground: float, similarity: bool, band:
     squared = [np.square(first - second) for first, second in combinations(inner, 2)]
     sums = np.array([[squares.sum(dtype=np.float64), squares.max(), 0.0] for squares in squared])
     if similarity and min(pictures[0].shape[1:]) >= TAPS:
-        for channel in range(_CHANNELS):
-            values = similarity_sums(pictures[0][channel], [other[channel] for other in pictures[1:]])
+        # SSIM of Wang et al. (2004): Gaussian windows of sigma 1.5 cut to 11 x 11 taps, population covariance, data
+        # range 1. All candidates share the smoothed reference.
+        for channel in zip(*pictures, strict=True):
+            values = np.zeros(len(channel) - 1)
+            native("comparison", "cs_similarity", np.stack(channel), len(values), *channel[0].shape, values)
             sums[: len(values), 2] += values
     return sums
 
@@ -174,15 +177,3 @@ def measurable(picture: Picture, seconds: float = math.inf, most: int = MAX_MEAS
     if pixels > most:
         limit = min(limit, math.floor(longer * math.sqrt(most / pixels)))
     return resize_picture(picture, max(1, limit))
-
-
-def similarity_sums(reference: np.ndarray, candidates: Sequence[np.ndarray]) -> list[float]:
-    """Return for each candidate the sum of SSIM over the windows of one channel (Wang et al. 2004): Gaussian windows of
-    sigma 1.5 cut to 11 x 11 taps, population covariance, data range 1.
-
-    All pictures are (H, W) float32 in [0, 1], H and W at least 11, with (H - 10) * (W - 10) windows. All candidates
-    share the smoothed reference. Raises EngineError if memory is missing.
-    """
-    sums = np.zeros(len(candidates))
-    native("comparison", "cs_similarity", np.stack([reference, *candidates]), len(candidates), *reference.shape, sums)
-    return sums.tolist()

@@ -71,7 +71,10 @@ def rerender(svg: bytes, width: int, height: int, *, renderer: str = "auto", sou
         if name == "cairosvg":
             pixels = _straight(draw_by_cairo(module, svg, width, height))
         else:
-            pixels = _centred(draw_by_resvg(module, svg.decode("utf-8"), width, height), width, height)
+            # resvg keeps the SVG's shape; viewers centre it (xMidYMid meet).
+            pixels = draw_by_resvg(module, svg.decode("utf-8"), width, height)
+            down, across = height - pixels.shape[0], width - pixels.shape[1]
+            pixels = np.pad(pixels, ((down // 2, down - down // 2), (across // 2, across - across // 2), (0, 0)))
     return Rendered(pixels, f"{module.__name__} {module.__version__}", note)
 
 
@@ -181,12 +184,6 @@ def draw_by_resvg(module: ModuleType, svg: str, width: int, height: int) -> np.n
     # Pillow's size limit guards against foreign files; this one has a checked size.
     with PngImageFile(io.BytesIO(bytes(png))) as image:
         return np.asarray(image.convert("RGBA"))
-
-
-def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Centre a picture of resvg, which keeps the SVG's shape, in width x height px, as viewers do (xMidYMid meet)."""
-    down, across = height - pixels.shape[0], width - pixels.shape[1]
-    return np.pad(pixels, ((down // 2, down - down // 2), (across // 2, across - across // 2), (0, 0)))
 
 
 def embedded_only(url: str, _resource_type: str) -> bytes:
