@@ -85,7 +85,7 @@ def colour(text: str, current: str) -> Rgba | None:
 
     lowered = text.strip().lower()
     if lowered == "currentcolor":
-        return colour("black" if current.strip().lower() == "currentcolor" else current, "black")
+        return colour(current, "black")
     if lowered in ("none", "transparent", "context-fill", "context-stroke"):
         return None
     match = re.fullmatch(r"(rgb|hsl)a?\(([^)]*)\)", lowered)
