@@ -86,18 +86,12 @@ def style_of(task: ClipTask) -> Style:
     return made.style
 
 
-def fitted_clip(task: ClipTask, work: Work) -> Animation:
-    """Fit moving curves to the frames, within the request's bytes, if any."""
-    settings, most = task.request.settings, task.request.max_bytes
-    with under_way(work):
-        return _animation(_fit(task, work, settings), task) if most is None else _within_bytes(most, task, work)
-
-
 def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> list[Tracks]:
     frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
     precision = task.request.precision
     try:
-        return fit_clip(frames, settings, task.source.count, precision=precision, bytes_per_second=bytes_per_second)
+        with under_way(work):
+            return fit_clip(frames, settings, task.source.count, precision=precision, bytes_per_second=bytes_per_second)
     except Stopped:
         if work.interrupted:
             raise KeyboardInterrupt from None
@@ -114,13 +108,16 @@ def _animation(clip: list[Tracks], task: ClipTask, off: float = 0.5) -> CurvesAn
     return CurvesAnimation(svg, begins, exact, grid.duration, plays, task.title, task.comment, grid)
 
 
-def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
-    """Return the animation nearest to the frames whose files have at most `most` bytes.
+def fitted_clip(task: ClipTask, work: Work) -> Animation:
+    """Fit moving curves to the frames, as near as they come within the request's bytes, if any.
 
     The first fit has so few curves that most of the bytes are left to their motion. A file that is too large loses the
     least important knots. If that would show, or if bytes are left, another fit has fewer or more curves. Raises
     InputError if even a few curves are too many.
     """
+    most = task.request.max_bytes
+    if most is None:
+        return _animation(_fit(task, work, task.request.settings), task)
     seconds = deque(task.held_frames(), maxlen=1)[0].end
     room = most * (1.0 if isinstance(most, GzipBytes) else COMPRESSED)
     dense = DENSE * task.request.settings.for_size(task.source.width, task.source.height).curves
@@ -160,21 +157,15 @@ def _size(animation: Animation, task: ClipTask) -> int:
 def drawn_clip(task: ClipTask, work: Work) -> Animation:
     """Draw the frames as shapes that stand still, move, or are shown in some frames only."""
     spans: list[tuple[float, float]] = []
-
-    def drawings() -> Iterator[Drawing]:
-        for frame, drawing in _drawings(task, work):
-            spans.append((frame.begin, frame.end))
-            yield drawing
-
-    moving = moving_drawing(drawings())
+    moving = moving_drawing(_drawings(task, work, spans))
     plays, (starts, ends) = task.request.plays(task.source.plays), np.array(spans).T
     duration, middles = spans[-1][1], (starts + ends) / 2.0
     text = write_moving_drawing(moving, starts, duration, title=task.title, comment=task.comment, plays=plays)
     return DrawnAnimation(with_checksum(text), starts, middles, duration, plays, moving)
 
 
-def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
-    """Yield each frame with its drawing until the work is stopped; the first one in any case."""
+def _drawings(task: ClipTask, work: Work, spans: list[tuple[float, float]]) -> Iterator[Drawing]:
+    """Yield the drawing of each frame until the work is stopped; the first one in any case. spans: gets their times."""
     from cubicsplat_cli.artwork.vectorize import draw
 
     chosen, before = ArtworkSettings(strokes=False, curves=task.request.settings.curves), None
@@ -185,13 +176,14 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
             with under_way(one):
                 drawing = draw(target, chosen)
             work.interrupted |= one.interrupted
-            if one.stopped and before is not None:
+            work.stopped |= one.stopped
+            if work.stopped and before is not None:
                 return
             before = target, drawing
-            if one.stopped:
-                yield frame, drawing
-                return
-        yield frame, before[1]
+        spans.append((frame.begin, frame.end))
+        yield before[1]
+        if work.stopped:
+            return
 
 
 def _of_frame(task: ClipTask, index: int) -> OnProgress:
