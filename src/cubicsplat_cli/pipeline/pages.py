@@ -155,25 +155,19 @@ def _box_of(part: PhotoPart) -> np.ndarray:
 
 
 def _shape_of(drawing: Drawing, part: PhotoPart) -> int:
-    """Return the number of a part's shape. Raises DrawingGivenUp without one."""
-    own = _box_of(part)
-    shapes = zip(drawing.shapes, boxes_of(drawing.shapes), strict=True)
-    common = [_in_common(own, box) if _is_near(shape, part) else 0.0 for shape, box in shapes]
-    if max(common, default=0.0) < LEAST_COMMON:
+    """Return the number of a part's shape: its box has most in common. Raises DrawingGivenUp without one."""
+    own, boxes = _box_of(part), boxes_of(drawing.shapes)
+    both = np.hstack([np.maximum(own[:2], boxes[:, :2]), np.minimum(own[2:], boxes[:, 2:])])
+    shared, one, others = (np.maximum(box[..., 2:] - box[..., :2], 0.0).prod(axis=-1) for box in (both, own, boxes))
+    common = shared / (one + others - shared) * [_is_near(shape, part) for shape in drawing.shapes]
+    if common.max(initial=0.0) < LEAST_COMMON:
         raise DrawingGivenUp
-    return int(np.argmax(common))
+    return int(common.argmax())
 
 
 def _is_near(shape: Shape, part: PhotoPart) -> bool:
     """True if the fill of a shape is about the placeholder of a part."""
     return shape.gradient is None and bool(np.abs(np.array(shape.fill[:3]) - part.stand_in).max() <= NEAR)
-
-
-def _in_common(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the intersection over union of two boxes (4,)."""
-    both = np.concatenate([np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])])
-    shared, one, other = (float(np.maximum(box[2:] - box[:2], 0.0).prod()) for box in (both, first, second))
-    return shared / (one + other - shared)
 
 
 def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene | EmbeddedImage) -> Shape:
