@@ -28,7 +28,7 @@ from cubicsplat_cli.files.load import as_picture, load_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.results import MemorySink
+from cubicsplat_cli.jobs.results import Sink
 from cubicsplat_cli.jobs.run import run_job
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import choose
@@ -127,7 +127,7 @@ def test_a_photo_that_is_expected_to_stay_behind_is_not_fitted_to_the_end():
 
 @pytest.mark.parametrize("svg", [None, Path("x.svg")])
 def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_svg(svg):
-    class Puts(MemorySink):
+    class Puts(Sink):
         def put(self, kind: str, data: bytes) -> None:
             puts.append((kind, data))
 

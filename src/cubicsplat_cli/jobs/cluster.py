@@ -18,7 +18,7 @@ from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.results import FileSink, MemorySink
+from cubicsplat_cli.jobs.results import FileSink, Sink
 from cubicsplat_cli.jobs.run import FAILED, POLL_SECONDS, Outcome, attempt, failure
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
@@ -67,7 +67,7 @@ def run_on_cluster(
 
 def run_remote_job(job: Job, request: Request, threads: int) -> tuple[Outcome, dict[str, bytes]]:
     """Run a job on the cluster; return its outcome, and its files by kind."""
-    sink = MemorySink()
+    sink = Sink()
     outcome = attempt(job, request.with_threads(threads), sink=sink, observer=Observer())
     # The picture is not sent back.
     return dataclasses.replace(outcome, job=dataclasses.replace(job, data=None)), sink.files
@@ -113,10 +113,7 @@ def _submit(
     task: Any, jobs: Iterator[Job], request: Request, share: Share, running: dict[Any, Job], observer: Observer
 ) -> Iterator[Outcome]:
     """Send out jobs while there is room; yield the failures of pictures that cannot be read."""
-    while len(running) < share.at_once:
-        job = next(jobs, None)
-        if job is None:
-            return
+    while len(running) < share.at_once and (job := next(jobs, None)) is not None:
         assert job.path is not None  # the command refuses standard input here
         try:
             data, asked = read_whole(job.path), job.request(request)

@@ -120,23 +120,32 @@ def is_finished(job: Job) -> bool:
     return job.outputs.metrics is None if report is None else not report.interrupted
 
 
+@dataclass(eq=False, kw_only=True)
+class Sink:
+    """Keeps the files of a job, for another machine. files: by kind. written: those on the disk."""
+
+    files: dict[str, bytes] = field(default_factory=dict)
+    written: list[Path] = field(default_factory=list)
+
+    def put(self, kind: str, data: bytes) -> None:
+        self.files[kind] = data
+
+
 @dataclass(eq=False)
-class FileSink:
-    """Writes each file whole to its place; an SVG without a place goes to standard output. written: the files so far.
+class FileSink(Sink):
+    """Writes each file whole to its place; an SVG without a place goes to standard output.
 
     If two runs have one output, the files of the run that ends last remain: with the report, which comes last, it
     writes again all files that the other run has replaced. A run that is killed leaves no report of other files.
     """
 
     job: Job
-    written: list[Path] = field(default_factory=list)
-    files: dict[str, bytes] = field(default_factory=dict)
 
     def put(self, kind: str, data: bytes) -> None:
         path, svg = self.job.outputs.place(kind), self.job.outputs.svg
         if kind == "svg" and path is None:
             write_stdout(data)
-        self.files[kind] = data
+        super().put(kind, data)
         with folder_locked(Path() if svg is None else svg.parent):
             replaced = self._replaced() if kind == "metrics" else {}
             if kind == "svg" or replaced:
@@ -162,17 +171,3 @@ class FileSink:
             if is_replaceable(place) and not holds_edited(place):
                 replaced[place] = data
         return replaced
-
-
-@dataclass(eq=False)
-class MemorySink:
-    """Keeps the files for another machine."""
-
-    files: dict[str, bytes] = field(default_factory=dict)
-    written: list[Path] = field(default_factory=list)
-
-    def put(self, kind: str, data: bytes) -> None:
-        self.files[kind] = data
-
-
-Sink = FileSink | MemorySink
