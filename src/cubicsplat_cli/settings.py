@@ -29,9 +29,8 @@ from cubicsplat_cli.options import (
     unknown_setting,
 )
 
-# Defaults that the preset or the picture replaces before the fit; so they are no part of the fields' types.
-FROM_PRESET: Any = None
-AUTO: Any = None
+# A default that the preset or the picture replaces before the fit; so it is no part of the fields' types.
+REPLACED: Any = None
 USUAL_CURVES = 512  # of a photo of ordinary size
 LEAST_PIXELS_PER_CURVE = 16  # with more curves, there would be more numbers than in the picture
 # The kinds of closed curves to which a fit may be restricted, and their numbers of cubics; None: the preset's.
@@ -53,7 +52,7 @@ MAX_PIXELS = 100_000_000  # of a picture, unless more are asked for
 
 def _by_preset(kind: Kind, text: str, **facts: Any) -> Any:
     """A setting whose usual value the preset decides."""
-    return setting(FROM_PRESET, kind, text, optional=False, **facts)
+    return setting(REPLACED, kind, text, optional=False, **facts)
 
 
 def _number(default: float, text: str, **facts: Any) -> Any:
@@ -166,7 +165,7 @@ class FitSettings:
     """
 
     curves: int = setting(
-        AUTO, "count", "Curves of a photo; most shapes of a drawing.  [default: auto]", group=COMMON, least=1,
+        REPLACED, "count", "Curves of a photo; most shapes of a drawing.  [default: auto]", group=COMMON, least=1,
         most=1_000_000, auto=True,
     )  # fmt: skip
     mode: Mode = setting(
@@ -202,7 +201,7 @@ class FitSettings:
     threads: int | None = setting(None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024)
     seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1)
     background: str = _by_preset("text", "Colour behind all: auto, none, #rrggbb or a name.", metavar="COLOUR")
-    recipe: Recipe = FROM_PRESET
+    recipe: Recipe = REPLACED
 
     def __post_init__(self) -> None:
         self._set("mode", _mode(self.mode))
@@ -221,7 +220,7 @@ class FitSettings:
             if getattr(self, name) is None:
                 self._set(name, base[name])
         if str(self.curves).lower() == "auto":
-            self._set("curves", AUTO)
+            self._set("curves", REPLACED)
         self._set("loss", loss_text(parse_loss(self.loss)))
         given = self.background
         self._set("background", parse_background(base.get("background", "auto") if given is None else given))
