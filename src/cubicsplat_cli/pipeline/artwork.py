@@ -209,8 +209,9 @@ def within_budget(task: Task, versions: Iterator[Made]) -> Made:
     """Return the last version with the requested PSNR, if one is requested, else the first within the requested bounds.
     A note says if none does. Raises InputError if not even the simplest fits. versions: from rich to simple.
     """
-    made, least = next(versions), task.request.target_psnr
+    least = task.request.target_psnr
     if least is not None:
+        made = next(versions)
         level = file_db(task, task.text(made.write))
         if level < least:
             note = f"reached {level:.2f} dB of the {least:g} dB asked for; more --detail or --style photo may reach it"
@@ -220,15 +221,12 @@ def within_budget(task: Task, versions: Iterator[Made]) -> Made:
                 break
             made = simpler
         return made
-    while (has := _excess(task, made)) is not None:
-        following = next(versions, None)
-        if following is not None:
-            made = following
-        elif work().stopped:
-            return made.with_note(f"the time was too short to simplify it: it has {has}")
-        else:
-            raise InputError(f"not even the simplest drawing fits; allow at least {has}")
-    return made
+    for made in versions:
+        if (has := _excess(task, made)) is None:
+            return made
+    if work().stopped:
+        return made.with_note(f"the time was too short to simplify it: it has {has}")
+    raise InputError(f"not even the simplest drawing fits; allow at least {has}")
 
 
 def _excess(task: Task, made: Made) -> str | None:

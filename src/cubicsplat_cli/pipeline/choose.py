@@ -169,11 +169,10 @@ def _drawn_or_shaded(task: Task) -> Made:
             raise DrawingGivenUp
         _check_stop(task)
 
-    drawing = None
     with suppress(DrawingGivenUp):
         drawing = drawn_artwork(task, check)
-    if drawing is not None and not is_nearer(drawing):
-        return drawing
+        if not is_nearer(drawing):
+            return drawing
     shaded = task.once(_shaded)
     assert shaded is not None
     return shaded
