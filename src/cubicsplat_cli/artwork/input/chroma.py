@@ -200,11 +200,10 @@ def mixture_of(
     own = labels[y, x]
     padded = np.pad(labels, reach, mode="edge")
     best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
-    colours = seen[y, x]
+    colours, blends = seen[y, x], np.linalg.norm(fills[:, None] - fills, axis=2) > 3.0 * sigma
     for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
         beside = padded[y + down, x + right]
-        k = np.flatnonzero(beside != own)
-        k = k[np.linalg.norm(fills[beside[k]] - fills[own[k]], axis=1) > 3.0 * sigma]
+        k = np.flatnonzero(blends[own, beside])
         t, rest = blend_of(colours[k], fills[own[k]], fills[beside[k]])
         left = summed(rest * rest) + 1e-3 * ((down - reach) ** 2 + (right - reach) ** 2)
         better = left < best[k]
