@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.arrays import Array, CurveArrays, copied, is_array, like, namespace
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, copied, is_array, kind_of, like, namespace
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient
 
 FLAT, LINEAR, RADIAL = 0, 1, 2  # values of `Gradients.kinds`
@@ -79,8 +79,9 @@ class Gradients(CurveArrays):
             if len(bad):
                 raise InputError(f"gradients.{what}, but those of curve {int(bad[0])} are not")
 
-    def validate_form(self, n: int) -> None:
-        """Validate types and shapes only, for a scene of n curves."""
+    def validate_form(self, points: Array) -> None:
+        """Validate types, shapes and devices only, for a scene with these control points."""
+        n = points.shape[0]
         if not is_array(self.stops) or self.stops.ndim != 3 or self.stops.shape[1] < 1:
             raise InputError(f"gradients.stops must be an array of shape ({n}, S, 4) with S >= 1")
         wanted = {
@@ -93,6 +94,9 @@ class Gradients(CurveArrays):
             fits = is_array(array) and array.dtype in [getattr(namespace(array), each) for each in types]
             if not fits or tuple(array.shape) != shape:
                 raise InputError(f"gradients.{name} must be an array of {' or '.join(types)} and shape {shape}")
+            if kind_of(array) != kind_of(points):
+                advice = "use one kind and device for all, by as_numpy() or as_torch() of the scene"
+                raise InputError(f"gradients.{name} is {kind_of(array)} but points {kind_of(points)}: {advice}")
 
 
 def linear_frames(starts: Array, ends: Array) -> Array:

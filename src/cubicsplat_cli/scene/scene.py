@@ -191,6 +191,9 @@ class Scene(CurveArrays):
             xp = namespace(array)
             if array.dtype not in (xp.float32, xp.float64):
                 raise InputError(f"{name} must be float32 or float64, not {array.dtype}")
+            if kind_of(array) != kind_of(self.points):
+                advice = "use one kind and device for all, by as_numpy() or as_torch() of the scene"
+                raise InputError(f"{name} is {kind_of(array)} but points {kind_of(self.points)}: {advice}")
         if self.points.ndim != 3 or self.points.shape[-1] != 2 or self.curves < 1:
             raise InputError(f"points must have shape (N, K, 2) with N >= 1 curves, not {tuple(self.points.shape)}")
         segments_from_points(self.mode, self.points_per_curve)
@@ -206,11 +209,7 @@ class Scene(CurveArrays):
             if ends.ndim != 2 or ends.shape[0] != self.curves or not 1 <= ends.shape[1] <= most:
                 raise InputError(f"ring_ends must have shape {form} for {self.curves} curves, not {tuple(ends.shape)}")
         if self.gradients is not None:
-            self.gradients.validate_form(self.curves)
-        for name, array in self.arrays_by_name().items():
-            if kind_of(array) != kind_of(self.points):
-                advice = "use one kind and device for all, by as_numpy() or as_torch() of the scene"
-                raise InputError(f"{name} is {kind_of(array)} but points {kind_of(self.points)}: {advice}")
+            self.gradients.validate_form(self.points)
 
 
 def ring_slices(ring_ends: Array, *, closed: bool) -> list[list[slice]]:
