@@ -126,7 +126,7 @@ def test_a_slanting_line_is_one_region(degrees, below):
     regions = find_regions(FlatPicture(levels, picture_fills(levels)))
     # The block, the line, and what is on either side of it.
     assert regions.count == 4
-    assert sorted(regions.areas())[1] > 90
+    assert sorted(regions.areas)[1] > 90
 
 
 @pytest.mark.parametrize(("width", "below"), rest_slow((1.0, BLUE), *product((1.0, 1.3, 1.8), (WHITE, BLUE))))

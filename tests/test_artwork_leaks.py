@@ -10,8 +10,12 @@ from test_artwork_regular import regions_of
 from cubicsplat_cli.artwork.finish.settle import settle
 from cubicsplat_cli.artwork.finish.state import State, begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import polygon
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
+from cubicsplat_cli.artwork.plan import planned
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 SIZE, MEETING = 40, 20  # px; the row and column of the pixels in which the shapes meet
@@ -102,6 +106,15 @@ def test_nothing_shines_through_where_three_shapes_meet():
     mended = without_seams(levels, regions_of(meeting_place(1.0), RED, BLUE, GREEN))
     assert mended == pytest.approx(meeting_place(1.0), abs=1e-3)
     assert levels[19, 19, 3] == pytest.approx(0.7 * 255.0)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_pixels_that_are_known_to_show_fills_have_no_seams(known):
+    levels, whole = meeting_place(0.7), meeting_place(1.0)
+    palette, labels = np.unique(whole.reshape(-1, 4), axis=0, return_inverse=True)
+    labels = labels.reshape(whole.shape[:2]).astype(np.int32) if known else None
+    plan = planned(FlatPicture(levels, palette, labels), ArtworkSettings(), Condition())
+    assert plan.levels[19, 19, 3] == pytest.approx(0.7 * 255.0 if known else 255.0)
 
 
 def test_a_gap_stays_where_only_two_shapes_are_near():

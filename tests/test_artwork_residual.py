@@ -82,7 +82,7 @@ def test_the_thin_borders_of_a_map_hang_together():
     borders = '<path d="M97 0L60 200M78 100L200 90M138 95L150 200" stroke="#333" stroke-width="1" fill="none"/>'
     regions = regions_of(flat_picture(lands + borders, 75, (187, 222, 251)))
     dark = regions.fills[:, :3].max(axis=1) < 110.0
-    sizes = np.sort(regions.areas()[dark])[::-1]
+    sizes = np.sort(regions.areas[dark])[::-1]
     assert sizes[0] >= 0.9 * sizes.sum() and sizes.sum() >= 400
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from cubicsplat_cli.raster.borders import BorderMap, border_map, border_positions
+from cubicsplat_cli.raster.borders import BorderMap, border_map, border_positions, meeting
 from cubicsplat_cli.raster.ndimage import holes_of
 from cubicsplat_cli.raster.unmix import components
 
@@ -38,6 +38,13 @@ def test_neighbours_share_the_cracks_between_their_pixels(labels):
     found = zip(borders.first.tolist(), borders.second.tolist(), borders.cracks.tolist(), strict=True)
     assert [*found] == [(a, b, n) for (a, b), n in sorted(expected.items())]
     assert borders.beside == [[b for a, b in sorted(expected) if a == k] for k in range(labels.max() + 1)]
+
+
+@given(LABELS)
+def test_three_labels_meet_where_four_pixels_have_as_many(labels):
+    height, width = labels.shape
+    corners = [[len(set(labels[y : y + 2, x : x + 2].flat)) >= 3 for x in range(width - 1)] for y in range(height - 1)]
+    assert (meeting(labels) == np.array(corners, dtype=bool).reshape(height - 1, width - 1)).all()
 
 
 @given(LABELS)

@@ -10,7 +10,7 @@ from conftest import rest_slow
 from outline_loops import corners_of, laid_out
 from scipy import ndimage
 
-from cubicsplat_cli.raster.outlines import fewest_links, held_by_hull, hull_mask
+from cubicsplat_cli.raster.outlines import Runs, fewest_links, hull_mask
 
 
 def saw(teeth: int) -> np.ndarray:
@@ -52,7 +52,7 @@ def test_a_hull_holds_what_is_within_all_its_half_planes(seed):
     share = inside.reshape(17, 8, 27, 8).mean(axis=(1, 3))
     hull = hull_mask(own)
     assert hull[own].all() and hull[share > 0.6].all() and not hull[share < 0.4].any()
-    held, inner = held_by_hull(labels, (slice(3, 20), slice(2, 29)), np.array([False, True, False]))
+    held, inner = Runs(labels).held_by_hull((slice(3, 20), slice(2, 29)), np.array([False, True, False]))
     view, deep = labels[3:20, 2:29], ndimage.binary_erosion(hull)
     for label in (0, 2):
         assert held[label] == (hull & (view == label)).sum()

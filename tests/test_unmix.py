@@ -18,6 +18,7 @@ from cubicsplat_cli.raster.unmix import (
     joined_fills,
     near_fills,
     nearest_fills,
+    part_facts,
     part_fills,
     relabelled,
     residual_of_three,
@@ -143,6 +144,9 @@ def test_components_are_numbered_by_value_and_first_pixel() -> None:
     values = np.array([[2, 0, 2, 2], [2, 0, -1, 2], [2, 2, 2, 2], [0, 1, 0, 1]])
     labels, count = components(values)
     assert labels.tolist() == [[6, 1, 6, 6], [6, 1, 0, 6], [6, 6, 6, 6], [2, 4, 3, 5]] and count == 7
+    sizes, marks, value = part_facts(labels, values, values > 0)
+    assert sizes.tolist() == [1, 2, 1, 1, 1, 1, 9] and value.tolist() == [-1, 0, 0, 0, 1, 1, 2]
+    assert marks.tolist() == [0, 0, 0, 0, 1, 1, 9]
 
 
 def test_holes_are_what_no_way_along_pixels_leaves() -> None:

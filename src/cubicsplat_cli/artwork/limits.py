@@ -51,7 +51,7 @@ def bounded_regions(picture: FlatPicture, min_area: float, most: int | None, lim
     regions = fills.regions(min_area)
     count = regions.count
     while regions.count > limit and min_area <= fills.parts.size:
-        min_area = max(2.0 * min_area, float(np.sort(regions.areas())[-1 - limit]) + 1.0, 4.0)
+        min_area = max(2.0 * min_area, float(np.sort(regions.areas)[-1 - limit]) + 1.0, 4.0)
         regions = fills.regions(min_area)
     if regions.count < count:
         text = "%d regions are too many to draw: those below %.0f px joined their neighbours; --colors leaves fewer"

@@ -124,7 +124,8 @@ def planned(
     while True:
         work().at("finding regions", 0.15)
         soft, fills, regions = _regions(picture, min_area)
-        soft = without_seams(soft, regions)
+        if picture.labels is None:  # else its pixels were made, without seams
+            soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
         edges = edge_positions(soft, regions, ROUNDING + condition.restored_error, condition.share_error)
         fixed = None
@@ -138,7 +139,7 @@ def planned(
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, fills, regions, edges, parts)
         # The smallest regions join their neighbours until the rest is few enough.
-        areas = np.sort(regions.areas())[::-1]
+        areas = np.sort(regions.areas)[::-1]
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)
 
 

@@ -85,6 +85,12 @@ def border_map(labels: np.ndarray) -> BorderMap:
         room = touching
 
 
+def meeting(labels: np.ndarray) -> np.ndarray:
+    """Return (H - 1, W - 1) bool: where three or more of the labels (H, W) meet at the corner of four pixels."""
+    several = Out(tuple(side - 1 for side in labels.shape), bool)
+    return _native("cs_meeting", int32s(labels), *labels.shape, several, result=None)
+
+
 def passings(
     loops: Loops, edges: EdgePositions, reaches: tuple[float, ...], smooth: float, least: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -5,14 +5,14 @@ contours fitted to points, and the coverage of pixels, by the native library.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ctypes import byref, c_int64, c_void_p
+from ctypes import byref, c_int64
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.native import Out, bools, doubles, int64s, native
+from cubicsplat_cli.raster.native import Out, bools, doubles, int32s, int64s, native
 from cubicsplat_cli.record import record
 
 _native = partial(native, "outlines")
@@ -109,14 +109,25 @@ def hull_mask(mask: np.ndarray) -> np.ndarray:
     return _native("cs_hull", bools(mask), *mask.shape, Out(mask.shape, bool))
 
 
-def held_by_hull(labels: np.ndarray, window: tuple[slice, slice], own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Take the convex hull of the labels that are own (R,) bool in a window of labels (H, W) int32, C-contiguous.
-    Return how many further pixels (R,) of each label it holds by half or more, and how many of these (R,) have no
-    neighbour along rows and columns beyond the hull or the window.
-    """
-    view, out = labels[window], (Out(len(own), np.int64), Out(len(own), np.int64))
-    rows = c_void_p(view.ctypes.data)  # in the whole array, whose width lies between them
-    return _native("cs_hull_holds", rows, labels.shape[1], *view.shape, bools(own), *out)
+class Runs:
+    """Runs of one label in the rows of labels (H, W), whole numbers from 0 on."""
+
+    def __init__(self, labels: np.ndarray) -> None:
+        self.width = labels.shape[1]
+        begins = np.diff(labels, axis=1, prepend=-1) != 0
+        begins[:, 0] = True
+        self.first = np.append(np.flatnonzero(begins), labels.size)
+        self.labels = int32s(labels[begins])
+        self.rows = np.append(0, np.cumsum(begins.sum(axis=1)))
+
+    def held_by_hull(self, window: tuple[slice, slice], own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Take the convex hull of the labels that are own (R,) bool in a window. Return how many further pixels (R,) of
+        each label it holds by half or more, and how many of these (R,) have no neighbour along rows and columns beyond
+        the hull or the window.
+        """
+        (top, bottom), (left, right) = ((side.start, side.stop) for side in window)
+        given = self.first, self.labels, self.rows, self.width, top, left, bottom - top, right - left
+        return _native("cs_hull_holds", *given, bools(own), Out(len(own), np.int64), Out(len(own), np.int64))
 
 
 @record

@@ -182,6 +182,15 @@ def components(values: np.ndarray) -> tuple[np.ndarray, int]:
     return labels, _native("cs_components", int32s(values), *values.shape, labels, result=c_int64)
 
 
+def part_facts(parts: np.ndarray, values: np.ndarray, marked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return of parts (H, W) int32, from 0 on, each of one of the values (H, W): its px (n,) int64, how many of these
+    are marked (H, W) bool, (n,) int64, and its value (n,) int32.
+    """
+    count, given = int(parts.max()) + 1, (int32s(parts), int32s(values), bools(marked))
+    outs = Out(count, np.int64), Out(count, np.int64), Out(count, np.int32)
+    return _native("cs_part_facts", parts.size, *given, *outs, result=None)
+
+
 def blend_pairs(
     values: np.ndarray, parts: np.ndarray, palette: np.ndarray, near: np.ndarray, farther: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

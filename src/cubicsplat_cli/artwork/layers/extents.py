@@ -55,11 +55,11 @@ class Extent:
 def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[list[Extent]]:
     """The parts of each layer, back to front."""
     depth = stack.rank[regions.labels]
-    opaque = regions.fills[:, 3] >= OPAQUE
+    opaque = (regions.fills[:, 3] >= OPAQUE)[regions.labels]
     boxes = ndimage.find_objects(depth + 1)
     for place, (box, own) in enumerate(zip(boxes, stack.layers, strict=True)):
         window = _with_room(box, depth.shape)
-        shown, above = depth[window] == place, (depth[window] > place) & opaque[regions.labels[window]]
+        shown, above = depth[window] == place, (depth[window] > place) & opaque[window]
         yield [*_parts(window, shown, above, found, joined=len(own) > 1)]
 
 

@@ -31,7 +31,7 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
         return levels
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
     fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
-    areas = np.bincount(index.reshape(-1), regions.areas(), len(fills))
+    areas = np.bincount(index.reshape(-1), regions.areas, len(fills))
     commonest = fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
     clear, filled = np.full((2, *regions.labels.shape), np.nan)
     for shares, grounds in ((clear, np.zeros((1, 4))), (filled, commonest)):

@@ -24,7 +24,7 @@ from cubicsplat_cli.artwork.regions.fills import CLEAR, CONTACT
 from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import passings
-from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
+from cubicsplat_cli.raster.outlines import EdgePositions, Runs
 from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 
@@ -69,7 +69,7 @@ class _Facts:
     def __init__(self, regions: Regions, found: EdgePositions, shaded: Sequence[ShadowSides]) -> None:
         self.regions, self.clear = regions, regions.fills[:, 3] <= CLEAR
         self.boxes = ndimage.find_objects(regions.labels + 1)
-        self.areas = regions.areas()
+        self.areas, self.runs = regions.areas, Runs(regions.labels)
         self.around = regions.borders.around.tolist()
         self.ground = regions.ground()
         self.votes: dict[tuple[int, int], float] = defaultdict(float)
@@ -204,7 +204,7 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
     own = np.zeros(facts.regions.count, dtype=bool)
     own[members] = True
-    held, inner = held_by_hull(facts.regions.borders.labels, window, own)
+    held, inner = facts.runs.held_by_hull(window, own)
     names = np.flatnonzero(held)
     sizes = held[names]
     sure, likely = (

@@ -10,7 +10,7 @@ Opaque shapes hardly ever meet so, as the upper one hides the lower one's edge.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.layers.ways import SLACK
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.borders import meeting
 from cubicsplat_cli.raster.outlines import EdgePositions, Heading, heading
 from cubicsplat_cli.record import record
 
@@ -62,7 +63,7 @@ def _parts_over(
 ) -> dict[int, list[TranslucentPart]]:
     """The parts of overlays by the layer that each comes above, the uppermost of all that it covers; -1 for none."""
     depth = layers.rank[regions.labels]
-    opaque = regions.fills[regions.labels, 3] >= OPAQUE
+    opaque = (regions.fills[:, 3] >= OPAQUE)[regions.labels]
     reached = depth.copy()
     parts: dict[int, list[TranslucentPart]] = {}
     # An overlay was found without those above it: the lowest come first, and the others go above them.
@@ -82,22 +83,27 @@ def without_overlays(regions: Regions, found: EdgePositions, fixed: np.ndarray) 
     overlays: list[Overlay] = []
     while (grounds := _uppermost(regions, found, fixed)) is not None:
         pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in grounds.items()], axis=0)
-        overlays.append(Overlay(likeliest(pairs[:, 0], pairs[:, 1]), np.isin(regions.labels, list(grounds))))
+        overlays.append(Overlay(likeliest(pairs[:, 0], pairs[:, 1]), _mask_of(regions, grounds)))
         regions, fixed = merged(regions, grounds, fixed)
         regions, fixed, overlays = with_covered(regions, fixed, overlays)
     return regions, tuple(overlays)
+
+
+def _mask_of(regions: Regions, some: Iterable[int]) -> np.ndarray:
+    """(H, W) bool: the pixels of some regions."""
+    return np.isin(np.arange(regions.count), list(some))[regions.labels]
 
 
 def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> dict[int, int] | None:
     """The regions that the largest overlay covers, of those that nothing speaks against, and beneath each what it lies
     on: where several lie over each other that is one of them rather than the place in which they do.
     """
-    areas = regions.areas()
+    areas = regions.areas
     # An overlay must make the description shorter: fewer outlines than what it covers has without it.
     good = [
         grounds
         for grounds, sure in _overlays(regions, _crossings(regions, found, fixed))
-        if sure > 0 and ndimage.label(np.isin(regions.labels, list(grounds)))[1] < len(grounds)
+        if sure > 0 and ndimage.label(_mask_of(regions, grounds))[1] < len(grounds)
     ]
     return max(good, key=lambda grounds: (sum(areas[c] for c in grounds), -min(grounds)), default=None)
 
@@ -145,10 +151,9 @@ def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> 
 
 def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
     """The places (2,), x and y in px, where exactly four different regions of a map (H, W) meet, and these in order."""
-    several = ~ndimage.alike(labels, 2)[1:, 1:]
-    y, x = np.nonzero(several)
-    corners = np.sort([labels[y + down, x + right] for down, right in np.ndindex(2, 2)], axis=0)
-    several[y, x] = (np.diff(corners, axis=0) != 0).sum(axis=0) >= 2
+    several = meeting(labels)
+    if not several.any():
+        return []
     near, count = ndimage.label(ndimage.binary_dilation(np.pad(several, MEETING), np.ones((MEETING, MEETING), bool)))
     near = near[MEETING:-MEETING, MEETING:-MEETING]
     middles = ndimage.center_of_mass(several, near, np.arange(1, count + 1))

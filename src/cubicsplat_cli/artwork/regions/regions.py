@@ -46,6 +46,7 @@ from cubicsplat_cli.raster.unmix import (
     near_fills,
     nearest_fills,
     off_palette,
+    part_facts,
     part_fills,
     residual_of_three,
 )
@@ -89,6 +90,7 @@ class Regions:
     def count(self) -> int:
         return len(self.fills)
 
+    @cached_property
     def areas(self) -> np.ndarray:
         """(R,) px of every region."""
         return np.bincount(self.labels.ravel(), minlength=self.count)
@@ -124,11 +126,14 @@ class PixelFills:
 
     def regions(self, min_area: float) -> Regions:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
-        labels = _without_specks(self.parts, self.sure, min_area)
-        numbers = np.cumsum(np.bincount(labels.ravel()) > 0, dtype=np.int32) - 1  # without gaps between them
-        labels = numbers[labels]
-        fill_of = _majority(labels, self.fills)
-        return Regions(labels, self.palette[fill_of], fill_of)
+        sizes, found, fill_of = part_facts(self.parts, self.fills, self.sure)
+        joins = _without_specks(self.parts, sizes, found, min_area)
+        numbers = np.cumsum(np.bincount(joins) > 0, dtype=np.int32) - 1  # without gaps between them
+        joins = numbers[joins]
+        votes = np.zeros((int(joins.max()) + 1, len(self.palette)), np.int64)
+        np.add.at(votes, (joins, fill_of), sizes)
+        fill_of = votes.argmax(axis=1)
+        return Regions(joins[self.parts], self.palette[fill_of], fill_of)
 
 
 def find_regions(picture: FlatPicture) -> Regions:
@@ -292,13 +297,13 @@ def _sure(
     """(H, W) bool: pixels that are their fill, or for the most part their fill rather than that of the region which
     their own touches most. dots: whether regions of a px or two may be real, and blurred ones.
     """
-    sure, sizes = pure >= 0, np.bincount(labels.ravel())
+    sure = pure >= 0
+    sizes, found, fill_of = part_facts(labels, fills, sure)
     crumbs = sizes < CRUMB
-    lacking = ((np.bincount(labels.ravel(), sure.ravel()) == 0) & (sizes < SPECK)) | crumbs
+    lacking = ((found == 0) & (sizes < SPECK)) | crumbs
     if not lacking.any():
         return sure
     beside, neighbours = _most_touched(labels, lacking)
-    fill_of = _majority(labels, fills)
     y, x = np.nonzero(lacking[labels])
     own = labels[y, x]
     ground, fill = palette[fill_of[beside[own]]], palette[fills[y, x]]
@@ -311,15 +316,19 @@ def _sure(
     return sure
 
 
-def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
-    """Components below `area` px, and small ones without a pixel surely theirs, go to the neighbour they touch most."""
+def _without_specks(labels: np.ndarray, sizes: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
+    """(n,) the label that each takes over: those below `area` px, and small ones without a pixel surely theirs, go to
+    the neighbour they touch most. sizes, sure: (n,) px of each, and those that are surely its own.
+    """
+    takes = np.arange(len(sizes))
     for _ in range(8):
-        sizes, found = np.bincount(labels.ravel()), np.bincount(labels.ravel(), sure.ravel())
-        doomed = ((sizes < area) | ((found == 0) & (sizes < SPECK))) & (sizes > 0)
-        if not doomed.any() or doomed.all():
+        size, found = (np.bincount(takes, each, len(sizes)) for each in (sizes, sure))
+        doomed = ((size < area) | ((found == 0) & (size < SPECK))) & (size > 0)
+        if not doomed.any() or (doomed == (size > 0)).all():
             break
-        labels = _most_touched(labels, doomed)[0][labels]
-    return labels
+        target = _most_touched(labels, doomed)[0]
+        takes, labels = target[takes], target[labels]
+    return takes
 
 
 def _most_touched(labels: np.ndarray, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -329,9 +338,3 @@ def _most_touched(labels: np.ndarray, doomed: np.ndarray) -> tuple[np.ndarray, n
     order = taking[np.argsort(borders.cracks[taking], kind="stable")]
     target[borders.first[order]] = borders.second[order]
     return target, np.bincount(borders.first[taking], minlength=len(doomed))
-
-
-def _majority(labels: np.ndarray, fills: np.ndarray) -> np.ndarray:
-    most = int(fills.max()) + 1
-    votes = np.bincount(labels.ravel().astype(np.int64) * most + fills.ravel(), minlength=(labels.max() + 1) * most)
-    return votes.reshape(-1, most).argmax(axis=1)

@@ -151,4 +151,14 @@ CS_EXPORT int64_t cs_loops(const int32_t* labels, int64_t height, int64_t width,
     return int64_t(loops.size());
   });
 }
+
+// several: (height - 1) x (width - 1), 1 where three or more labels meet at the corner of four pixels, else 0.
+CS_EXPORT void cs_meeting(const int32_t* labels, int64_t height, int64_t width, uint8_t* several) {
+  for (int64_t y = 0; y + 1 < height; y++)
+    for (int64_t x = 0; x + 1 < width; x++) {
+      const int32_t *upper = labels + y * width + x, *lower = upper + width;
+      const int32_t a = upper[0], b = upper[1], c = lower[0], d = lower[1];
+      *several++ = (a != b) + (c != a && c != b) + (d != a && d != b && d != c) >= 2;
+    }
+}
 }

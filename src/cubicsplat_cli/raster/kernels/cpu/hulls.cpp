@@ -31,19 +31,15 @@ struct HullRow {
   bool has(int x) const { return x >= left && x < right; }
 };
 
-// Of each row of a window the pixels whose middles lie in the hull of some pixels: those of which it holds half or more,
-// but for a few at its corners.
-template <class Own>
-std::vector<HullRow> hull_of(int height, int width, const Own& own) {
-  std::vector<HullRow> out(height);
+// Replaces in each row of a window the pixels from the first to the last of some pixels by those whose middles lie in the
+// hull of all: those of which it holds half or more, but for a few at its corners.
+void fill_hull(std::vector<HullRow>& out) {
   std::vector<Point> right, left;
+  const int height = int(out.size());
   int top = height, bottom = 0;
   for (int y = 0; y < height; y++) {
-    HullRow& row = out[y];
-    row.right = width;
-    while (row.left < width && !own(y, row.left)) row.left++;
-    while (row.right > row.left && !own(y, row.right - 1)) row.right--;
-    if (row.left == row.right) continue;
+    const HullRow& row = out[y];
+    if (row.left >= row.right) continue;
     top = std::min(top, y), bottom = y + 1;
     for (int k = 0; k < 2; k++) extend(right, {double(row.right), double(y + k)});
   }
@@ -55,7 +51,6 @@ std::vector<HullRow> hull_of(int height, int width, const Own& own) {
   for (int y = top; y < bottom; y++)
     out[y] = {int(std::ceil(x_at(left, at_left, y + 0.5) - 0.5)),
               int(std::floor(x_at(right, at_right, y + 0.5) + 0.5))};
-  return out;
 }
 
 }  // namespace
@@ -66,31 +61,53 @@ extern "C" {
 // out: height x width, the pixels that lie by half or more in the hull of a mask. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_hull(const uint8_t* mask, int64_t height, int64_t width, uint8_t* out) {
   return cs::failed([&] {
-    const auto rows = cs::stack::hull_of(int(height), int(width),
-                                         [&](int y, int x) { return mask[int64_t(y) * width + x] != 0; });
+    std::vector<cs::stack::HullRow> rows(height);
+    for (int64_t y = 0; y < height; y++) {
+      cs::stack::HullRow& row = rows[y];
+      row.right = int(width);
+      while (row.left < row.right && !mask[y * width + row.left]) row.left++;
+      while (row.right > row.left && !mask[y * width + row.right - 1]) row.right--;
+    }
+    cs::stack::fill_hull(rows);
     for (int64_t y = 0; y < height; y++)
       for (int64_t x = 0; x < width; x++) out[y * width + x] = rows[y].has(int(x));
   });
 }
 
-// Of a window of labels, its rows `stride` apart: of how many pixels of each label, that is none of those marked as own,
-// the hull of the own ones holds half or more, and how many of them have no neighbour along rows and columns beyond the
-// hull or the window. 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_hull_holds(const int32_t* labels, int64_t stride, int64_t height, int64_t width,
-                                const uint8_t* own, int64_t* held, int64_t* inner) {
+// Of runs of px of one label each, whose first px, in a picture `stride` px wide, and labels they are, rows[y] to
+// rows[y + 1] those of each row: of a window (top, left, height, width), how many pixels of each label that is none of
+// those marked as own the hull of the own ones holds by half or more, and how many of them have no neighbour along rows
+// and columns beyond the hull or the window. 1 where there is no memory, else 0.
+CS_EXPORT int32_t cs_hull_holds(const int64_t* first, const int32_t* labels, const int64_t* rows, int64_t stride,
+                                int64_t top, int64_t left, int64_t height, int64_t width, const uint8_t* own,
+                                int64_t* held, int64_t* inner) {
+  using cs::stack::HullRow;
   return cs::failed([&] {
-    const auto is_own = [&](int y, int x) { return own[labels[y * stride + x]] != 0; };
-    const auto hull = cs::stack::hull_of(int(height), int(width), is_own);
-    const cs::stack::HullRow none{};
-    for (int y = 0; y < height; y++) {
-      const auto& above = y > 0 ? hull[y - 1] : none;
-      const auto& below = y + 1 < height ? hull[y + 1] : none;
-      for (int x = hull[y].left; x < hull[y].right; x++) {
-        if (is_own(y, x)) continue;
-        const int32_t label = labels[y * stride + x];
-        held[label]++;
-        inner[label] += above.has(x) && below.has(x) && hull[y].has(x - 1) && hull[y].has(x + 1);
-      }
+    std::vector<HullRow> hull(height);
+    // Calls a function for the runs that reach into a row, with their label and their px there.
+    const auto each_run = [&](int64_t y, int from, int to, const auto& use) {
+      const int64_t start = (top + y) * stride + left, end = rows[top + y + 1];
+      int64_t k = std::upper_bound(first + rows[top + y], first + end, start + from) - first - 1;
+      for (; from < to && k < end && first[k] < start + to; k++)
+        use(labels[k], std::max(from, int(first[k] - start)), std::min(to, int(first[k + 1] - start)));
+    };
+    for (int64_t y = 0; y < height; y++)
+      each_run(y, 0, int(width), [&](int32_t label, int from, int to) {
+        if (!own[label]) return;
+        if (hull[y].right == 0) hull[y].left = from;
+        hull[y].right = to;
+      });
+    cs::stack::fill_hull(hull);
+    const HullRow none{};
+    for (int64_t y = 0; y < height; y++) {
+      const HullRow &above = y > 0 ? hull[y - 1] : none, &below = y + 1 < height ? hull[y + 1] : none, &row = hull[y];
+      const int low = std::max({above.left, below.left, row.left + 1});
+      const int high = std::min({above.right, below.right, row.right - 1});
+      each_run(y, row.left, row.right, [&](int32_t label, int from, int to) {
+        if (own[label]) return;
+        held[label] += to - from;
+        inner[label] += std::max(0, std::min(to, high) - std::max(from, low));
+      });
     }
   });
 }

@@ -37,4 +37,13 @@ CS_EXPORT int64_t cs_components(const int32_t* values, int64_t height, int64_t w
     return count;
   });
 }
+
+// Of parts (n px), from 0 on: how many px each has, how many of these are marked, and the value of its last one.
+CS_EXPORT void cs_part_facts(int64_t n, const int32_t* parts, const int32_t* values, const uint8_t* marked,
+                             int64_t* sizes, int64_t* marks, int32_t* value) {
+  for (int64_t i = 0; i < n; i++) {
+    const int32_t part = parts[i];
+    sizes[part]++, marks[part] += marked[i], value[part] = values[i];
+  }
+}
 }
