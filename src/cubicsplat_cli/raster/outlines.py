@@ -114,8 +114,8 @@ class Runs:
 
     def __init__(self, labels: np.ndarray) -> None:
         self.width = labels.shape[1]
-        begins = np.diff(labels, axis=1, prepend=-1) != 0
-        begins[:, 0] = True
+        begins = np.ones(labels.shape, dtype=bool)
+        begins[:, 1:] = labels[:, 1:] != labels[:, :-1]
         self.first = np.append(np.flatnonzero(begins), labels.size)
         self.labels = int32s(labels[begins])
         self.rows = np.append(0, np.cumsum(begins.sum(axis=1)))

@@ -69,7 +69,7 @@ class _Facts:
     def __init__(self, regions: Regions, found: EdgePositions, shaded: Sequence[ShadowSides]) -> None:
         self.regions, self.clear = regions, regions.fills[:, 3] <= CLEAR
         self.boxes = ndimage.find_objects(regions.labels + 1)
-        self.areas, self.runs = regions.areas, Runs(regions.labels)
+        self.runs = Runs(regions.labels)
         self.around = regions.borders.around.tolist()
         self.ground = regions.ground()
         self.votes: dict[tuple[int, int], float] = defaultdict(float)
@@ -171,7 +171,7 @@ def _members(group: np.ndarray) -> dict[int, np.ndarray]:
 
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
     """Pairs of regions of one fill with a common neighbour that is drawn, the largest first."""
-    fills, areas, pairs = facts.regions.fill_of.tolist(), facts.areas.tolist(), set[tuple[int, int]]()
+    fills, areas, pairs = facts.regions.fill_of.tolist(), facts.regions.areas.tolist(), set[tuple[int, int]]()
     for between, beside in enumerate(facts.regions.borders.beside):
         drawn = [] if facts.clear[between] else [i for i in beside if not facts.clear[i]]
         drawn.sort(key=lambda i: (fills[i], -areas[i], i))
@@ -222,7 +222,7 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
 def _ordered(facts: _Facts, group: np.ndarray) -> list[np.ndarray]:
     """The members of each group, back to front: of those that lie above none that is left, the largest first."""
     groups = [members for name, members in _members(group).items() if name >= 0]
-    size = np.bincount(group + 1, facts.areas)[1:]
+    size = np.bincount(group + 1, facts.regions.areas)[1:]
     # The px^2 of the box around each: what it would cover.
     span = np.array([float(_area(_box_around(facts, members))) for members in groups])
     above, below = _without_cycles(len(groups), *_net(facts, group))
@@ -258,7 +258,7 @@ def _net(facts: _Facts, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     broken = {outer for inner, outer in facts.held if group[inner] == group[outer] >= 0}
     for inner, outer in facts.held:
         p, q = int(group[inner]), int(group[outer])
-        if outer in broken and p >= 0 and p != q and facts.areas[outer] > facts.areas[inner]:
+        if outer in broken and p >= 0 and p != q and facts.regions.areas[outer] > facts.regions.areas[inner]:
             weight[q, p] = 0.0
     net = [(p, q, votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
     net = sorted(each for each in net if each[2] > 0.0)
