@@ -192,6 +192,17 @@ def test_panels_beneath_a_bar_are_boxes(bottom):
     assert (x, right, low) == pytest.approx((0.0, 35.0, bottom), abs=0.02) and y < 18.0
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_cells_of_a_table_are_boxes_each_for_itself(several):
+    """Outlines that turn where they meet do not show that one goes on beneath another, nor that two are pieces."""
+    row, column = np.mgrid[:5, :5]
+    number = (2 * row + column) % 5 if several else 5 * row + column
+    colours = np.random.default_rng(2).integers(0, 256, (25, 3)) / 255.0
+    shapes = draw(np.kron(colours[number], np.ones((20, 20, 1))).astype(np.float32)).shapes
+    boxes = [outline for shape in shapes for outline in shape.outlines]
+    assert len(boxes) == 25 and all(isinstance(box, Rectangle) for box in boxes)
+
+
 def test_bars_on_a_thin_line_end_beneath_it():
     text = (Path(__file__).parent.parent / "samples" / "artwork" / "chart.svg").read_bytes()
     pixels = Document(text, "chart", 256).draw()[..., :3].astype(np.float32) / 255.0

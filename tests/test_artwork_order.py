@@ -11,7 +11,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents
-from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, junction_votes, stack
+from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, junction_votes, meetings_of, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import edge_positions
 from cubicsplat_cli.raster.outlines import EdgePositions, coverage, heading
@@ -32,7 +32,7 @@ def drawn(names) -> tuple[Regions, EdgePositions]:
 
 def votes(names) -> dict[tuple[int, int], float]:
     """The votes of where three regions of such a picture meet."""
-    return junction_votes(*drawn(names))
+    return junction_votes(meetings_of(*drawn(names)))
 
 
 @pytest.mark.parametrize("slope", [20.0, 33.0, 70.0, 90.0, 140.0])
@@ -84,6 +84,20 @@ def test_a_heading_is_known_as_well_as_its_points():
     assert heading(points[:3], np.full(3, 0.05), 14.0) is None
 
 
+def test_a_layer_ends_at_those_whose_outlines_turn_where_they_meet_it():
+    # Four boxes around a place: each lies beside two others.
+    y, x = np.mgrid[:80, :80]
+    labels, fills = 2 * (y >= 40) + (x >= 40), np.vstack([FILLS, [[20.0, 120.0, 40.0, 255.0]]])
+    regions = Regions(labels, fills, np.arange(4))
+    found = stack(regions, edge_positions(fills[labels], regions))
+    pairs = {(found.layers[low][0], found.layers[high][0]) for low, some in enumerate(found.ends) for high in some}
+    assert {frozenset(pair) for pair in pairs} == {frozenset(pair) for pair in ((0, 1), (0, 2), (1, 3), (2, 3))}
+    # A half-plane over two others: its outline passes, and they go on beneath it.
+    regions, edges = drawn(lambda x, y: np.where(x > 0.0, 2, np.where(y < 0.0, 0, 1)))
+    found = stack(regions, edges)
+    assert found.layers[-1] == (2,) and found.rank[2] not in [high for some in found.ends for high in some]
+
+
 def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
     # A collar about three sides of a neck lies over a coat, a bar over both: the coat goes on beneath the collar, but
     # not across the neck, which is no hole of the coat.
@@ -94,7 +108,7 @@ def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
     labels[25:45, 10:110] = 4
     fills = np.vstack([FILLS, [[20.0, 120.0, 40.0, 255.0], [0.0, 0.0, 0.0, 255.0]]])
     regions = Regions(labels, fills, np.arange(5))
-    stack = Stack(tuple((k,) for k in range(5)), np.arange(5))
+    stack = Stack(tuple((k,) for k in range(5)), np.arange(5), ((),) * 5)
     found = edge_positions(fills[labels], regions)
     (coat,) = [*extents(regions, stack, found)][2]
     covered = np.zeros(labels.shape)
@@ -160,7 +174,7 @@ def test_pieces_do_not_join_beneath_a_shape_that_lies_around_one_of_them():
     labels[37:83, 60:125] = 5
     labels[40:41, 50:60] = 5
     labels[40:80, 60:110] = 3
-    labels[41:80, 50:60] = 4
+    labels[41:90, 50:60] = 4
     fills = np.vstack([FILLS, [[20.0, 120.0, 40.0, 255.0]]])
     fill_of = np.array([0, 1, 2, 2, 3, 1])
     regions = Regions(labels, fills[fill_of], fill_of)

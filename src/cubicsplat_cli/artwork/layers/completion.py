@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import cache, partial
-from itertools import groupby, islice
+from itertools import chain, groupby, islice, product
 from operator import itemgetter
 
 import numpy as np
@@ -18,10 +18,13 @@ from cubicsplat_cli.artwork.geometry.outlines import EXACT, Outline, Rectangle, 
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
 from cubicsplat_cli.artwork.layers.ways import ALLOWED, DEPTHS, SLACK, Completion, HiddenLoop, sides_meeting, ways_on
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 
 SEVERAL = 8  # hidden runs of a contour, beyond which only straight lines are tried, lest the trials are too many
 SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
 ON_SIDE = 0.25  # px by which a point may differ from the side of a box
+LEAST_BOX = 3.0  # px across, of which one shows no edge
+FLUSH = 0.6  # px that a side goes beneath what hides it at least: more than half a pixel, a corner less (0.6^2)
 DOT = 4  # px of a region, up to which it is a dot; visible points of a contour, below which it becomes a polygon
 MOST_WRONG = 20  # px of the picture that an outline may enclose or leave wrongly, before a plainer one replaces it
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
@@ -43,18 +46,21 @@ def outlines_of_all(
 
     canvas: its height and width, px. Contours of few points become polygons. whole: hidden parts go on as
     what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
-    contour, a few px beneath what hides them. steps: px a pixel of the picture each way.
+    contour, a few px beneath what hides them. steps: px a pixel of the picture each way. Where a part likely ends at
+    what hides it, it goes on beneath only if its outlines have fewer coordinates then.
     """
     ends = np.cumsum([sum(len(contour.points) for contour in extent.contours) for extent in extents])
     for _, batch in groupby(zip((ends // BATCH).tolist(), extents, strict=True), key=itemgetter(0)):
         some = [extent for _, extent in batch]
         searches: list[_Search] = []
-        for extent in some:
+        tried = [[extent] if extent.near is None else [extent.near, extent] for extent in some]
+        for extent in chain.from_iterable(tried):
             window = cache(partial(Window.of, extent, canvas))  # which only hidden contours need to know
             searches += [_outline(own, extent, window, whole, sought, MOST_WRONG * steps**2) for own in extent.contours]
         found = iter(_searched(searches, detail))
-        for extent in some:
-            yield tuple(islice(found, len(extent.contours)))
+        for either in tried:
+            ways = [tuple(islice(found, len(extent.contours))) for extent in either]
+            yield min(ways, key=lambda way: sum(outline.coordinates for outline in way))
 
 
 def _searched(searches: Sequence[_Search], detail: float) -> list[Outline]:
@@ -93,10 +99,10 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     """window: that of the outer contour; astray: pixels of it from which an outline is wrong everywhere."""
     runs, outer = hidden_runs(contour.sigma), window
     window = outer.hole(contour) if contour.hole else outer
+    if whole and not contour.hole and (box := _box(contour, window)) is not None:
+        return box
     if np.isfinite(contour.sigma).sum() < DOT:
         return few_lines(contour.points, SLACK)
-    if whole and (box := _box(contour, window)) is not None:
-        return box
     loop = HiddenLoop(contour.points, contour.sigma, lambda points: len(window.wrong(polygon(points))), outer)
     whole = whole and len(runs) <= SEVERAL
     left = [ways_on(loop, run, whole) for run in runs]
@@ -132,28 +138,35 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
 
 
 def _box(contour: Contour, window: Window) -> Rectangle | None:
-    """The level box of which all that shows of a contour is sides, two at least, and whose others are hidden: at the
-    canvas's border if they all may be there, else DEPTHS what hides them; None where there is none.
+    """The level box of which all that shows of an outer contour is sides, and whose others are hidden: at the canvas's
+    border if they all may be there, else DEPTHS beneath what hides them, or some FLUSH; None where there is none.
     """
-    seen = contour.points[np.isfinite(contour.sigma)]
-    ends = np.stack([seen.min(axis=0), seen.max(axis=0)])  # left and top; right and bottom
-    on = np.abs(seen[:, None] - ends) <= ON_SIDE
-    # What all lies on one line shows one side.
-    if not on.any(axis=(1, 2)).all() or (np.ptp(ends, axis=0) <= 2.0 * ON_SIDE).any():
-        return None
-    sides, hidden = ends.copy(), np.zeros((2, 2), dtype=bool)
-    for end, axis in np.ndindex(2, 2):
-        own = seen[on[:, end, axis] & ~on[:, :, 1 - axis].any(axis=1)]
-        hidden[end, axis] = len(own) == 0 or np.ptp(own[:, 1 - axis]) <= SIDE_SEEN
-        if not hidden[end, axis]:
-            sides[end, axis] = own[:, axis].mean()
-    if hidden.sum() > 2:
-        return None
-    border = np.array([[0.0, 0.0], window.canvas[::-1]])
-    for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in DEPTHS)):
-        (x, y), (right, bottom) = np.where(hidden, places, sides).tolist()
-        box = Rectangle(x, y, right - x, bottom - y)
-        if len(window.wrong(box)) <= ALLOWED and not _shows_beyond(box, ends, window.extent):
+    shown = window.extent.shown
+    (top, bottom), (left, right) = (np.flatnonzero(shown.any(axis=axis))[[0, -1]] for axis in (1, 0))
+    corner = np.array([window.extent.left, window.extent.top])
+    own = np.array([[left, top], [right + 1.0, bottom + 1.0]]) + corner
+    seen, sides, hidden = contour.points[np.isfinite(contour.sigma)], own.copy(), np.ones((2, 2), dtype=bool)
+    if len(seen):
+        ends = np.stack([seen.min(axis=0), seen.max(axis=0)])
+        on = (np.abs(seen[:, None] - ends) <= ON_SIDE) & (np.abs(ends - own) < 1.0)
+        if not on.any(axis=(1, 2)).all():
+            return None
+        for end, axis in np.ndindex(2, 2):
+            side = seen[on[:, end, axis] & ~on[:, :, 1 - axis].any(axis=1)]
+            hidden[end, axis] = len(side) == 0 or np.ptp(side[:, 1 - axis]) <= SIDE_SEEN
+            if not hidden[end, axis]:
+                sides[end, axis] = side[:, axis].mean()
+    size = np.ptp(own, axis=0)
+    if hidden.sum() > 2 and (size.min() < LEAST_BOX or (shown | ndimage.holes_of(shown)).sum() < size.prod()):
+        return None  # of fewer than two sides only what fills a box is known to be one
+    places = [np.array([[0.0, 0.0], window.canvas[::-1]])[hidden]]
+    outwards = np.array([[-1.0, -1.0], [1.0, 1.0]])[hidden]
+    for depth in DEPTHS:
+        places += [sides[hidden] + outwards * each for each in product((depth, FLUSH), repeat=len(outwards))]
+    for place in places:
+        sides[hidden] = place
+        box = Rectangle(*sides[0].tolist(), *np.ptp(sides, axis=0).tolist())
+        if len(window.wrong(box)) <= ALLOWED and not _shows_beyond(box, own, window.extent):
             return box
         if not hidden.any():
             break

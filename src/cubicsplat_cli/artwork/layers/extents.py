@@ -42,7 +42,7 @@ class Contour:
 class Extent:
     """A connected part of a layer. top, left: its window's corner, px. shown: the window's pixels (h, w) bool that
     show it; allowed: those that it may cover; holes: those within the contours of its holes. contours: the outer one
-    first."""
+    first. near: the same that goes hardly beneath the layers at which its own likely ends; None if there are none."""
 
     top: int
     left: int
@@ -50,6 +50,13 @@ class Extent:
     allowed: np.ndarray
     holes: np.ndarray
     contours: tuple[Contour, ...]
+    near: Extent | None = None
+
+    @property
+    def seen(self) -> tuple[int, int, int]:
+        """The row and column of the first pixel that shows, and how many do."""
+        row, column = divmod(int(self.shown.argmax()), self.shown.shape[1])
+        return self.top + row, self.left + column, int(self.shown.sum())
 
 
 def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[list[Extent]]:
@@ -60,7 +67,12 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[li
     for place, (box, own) in enumerate(zip(boxes, stack.layers, strict=True)):
         window = _with_room(box, depth.shape)
         shown, above = depth[window] == place, (depth[window] > place) & opaque[window]
-        yield [*_parts(window, shown, above, found, joined=len(own) > 1)]
+        parts = [*_parts(window, shown, above, found, joined=len(own) > 1)]
+        beyond = above & np.isin(depth[window], stack.ends[place])
+        if beyond.any() and (beyond := beyond & ~ndimage.binary_dilation(shown, ndimage.SQUARE, UNDERLAP + 1)).any():
+            near = {part.seen: part for part in _parts(window, shown, above & ~beyond, found, joined=len(own) > 1)}
+            parts = [replace(part, near=near.get(part.seen)) for part in parts]
+        yield parts
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:

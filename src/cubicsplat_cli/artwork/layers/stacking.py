@@ -39,15 +39,18 @@ REACHES = (REACH, 0.5 * REACH)  # the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
 LEAST_TURN = math.radians(2.5)  # standard error beyond that of the points
 MEETING = 3  # px within which the outlines of three regions meet at one place
+LIKELY = 0.3  # probability that an outline passes at a meeting, below which it counts as turning there
 
 
 @record
 class Stack:
     """layers: back to front, each the regions of one fill that show of it, ascending. rank: (R,) the layer of each
-    region, -1 where nothing is drawn."""
+    region, -1 where nothing is drawn. ends: of each layer, the upper ones whose outlines turn wherever they are seen to
+    meet its own: so it likely ends at these."""
 
     layers: tuple[tuple[int, ...], ...]
     rank: np.ndarray
+    ends: tuple[tuple[int, ...], ...]
 
 
 def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: Sequence[ShadowSides] = ()) -> Stack:
@@ -60,11 +63,21 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: S
     rank = np.full(regions.count, -1)
     for place, members in enumerate(layers):
         rank[members] = place
-    return Stack(tuple(tuple(members.tolist()) for members in layers), rank)
+    surest: dict[tuple[int, int], float] = defaultdict(float)
+    for lower, seen in facts.passes.items():
+        for upper, sure in seen.items():
+            pair = int(rank[lower]), int(rank[upper])
+            surest[pair] = max(surest[pair], sure)
+    ends: list[list[int]] = [[] for _ in layers]
+    for (low, high), sure in surest.items():
+        if 0 <= low < high and sure < LIKELY:
+            ends[low].append(high)
+    return Stack(tuple(tuple(members.tolist()) for members in layers), rank, tuple(map(tuple, ends)))
 
 
 class _Facts:
-    """Measurements of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
+    """Measurements of the regions: neighbours, enclosures, votes[i, j] for i lying above j, and passes[j][i], the
+    largest probability that the outline of i passes where it is seen to meet j's."""
 
     def __init__(self, regions: Regions, found: EdgePositions, shaded: Sequence[ShadowSides]) -> None:
         self.regions, self.clear = regions, regions.fills[:, 3] <= CLEAR
@@ -73,8 +86,14 @@ class _Facts:
         self.around = regions.borders.around.tolist()
         self.ground = regions.ground()
         self.votes: dict[tuple[int, int], float] = defaultdict(float)
+        self.passes: dict[int, dict[int, float]] = defaultdict(dict)
         if regions.count <= MOST_COMPLETED:
-            self.votes = junction_votes(regions, found)
+            meetings = meetings_of(regions, found)
+            self.votes = junction_votes(meetings)
+            for region, others, _, _, likelihood in meetings:
+                for other in others:
+                    seen = self.passes[other]
+                    seen[region] = max(seen.get(region, 0.0), likelihood / (1.0 + likelihood))
             for pair in _shading(regions, shaded):
                 self.votes[pair] += VOTE
         self.held = [(inner, outer) for inner in range(regions.count) for outer in self.enclosing(inner)]
@@ -94,6 +113,12 @@ class _Facts:
                 yield region
             yield from self.ground
 
+    def turning(self, above: set[int], members: list[int]) -> bool:
+        """Return whether each of some members is beside regions above it, and the outlines of all these turn there."""
+        beside = self.regions.borders.beside
+        near = ([self.passes[m].get(i, 1.0) for i in beside[m] if i in above] for m in members)
+        return all(some and max(some) < LIKELY for some in near)
+
     def assume(self, above: np.ndarray, below: np.ndarray) -> None:
         """Takes regions to lie above others, where nothing is known of the two."""
         lower = set(below.tolist())
@@ -104,22 +129,33 @@ class _Facts:
                     self.assumed[i].add(j)
 
 
-def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
-    """Votes for (above, below): the sum over the meetings of two regions with a third, each from 0.3 to 1."""
-    # Of the outlines that pass between three regions: own region, the others, the vertex, and the likelihood.
-    places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = defaultdict(list)
-    known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
-    for (region, before, after, x, y), (turn, error) in zip(*(each.tolist() for each in known), strict=True):
-        names = tuple(sorted((region, before, after)))
+# Of an outline that goes on from one region to another: its own region, these two, the vertex, and how much likelier it
+# is to pass straight there than to turn by chance.
+_Meeting = tuple[int, tuple[int, int], int, int, float]
+
+
+def meetings_of(regions: Regions, found: EdgePositions) -> list[_Meeting]:
+    """The places where outlines go on from one region to another, but for rough ones. found: where they run."""
+    turns = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
+    out = []
+    for (region, before, after, x, y), (turn, error) in zip(*(each.tolist() for each in turns), strict=True):
         # Of a turn, radians, where the outline goes straight on, over that of any turn up to a right angle.
         likelihood = math.exp(-0.5 * (turn / error) ** 2) * math.sqrt(0.5 * math.pi) / error
-        places[names].append((region, (before, after), x, y, likelihood))
+        out.append((region, (before, after), x, y, likelihood))
+    return out
+
+
+def junction_votes(meetings: Sequence[_Meeting]) -> dict[tuple[int, int], float]:
+    """Votes for (above, below): the sum over the meetings of two regions with a third, each from LIKELY to 1."""
+    places: dict[tuple[int, ...], list[_Meeting]] = defaultdict(list)
+    for each in meetings:
+        places[tuple(sorted((each[0], *each[1])))].append(each)
     votes: dict[tuple[int, int], float] = defaultdict(float)
     for same in places.values():
         for region, others, x, y, own in same:
             rivals = [p for r, _, u, v, p in same if r != region and max(abs(u - x), abs(v - y)) <= MEETING]
             sure = own / (1.0 + own + sum(rivals))
-            if len(rivals) == 2 and sure >= 0.3:
+            if len(rivals) == 2 and sure >= LIKELY:
                 for other in others:
                     votes[region, other] += sure
     return votes
@@ -152,7 +188,8 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
             above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             around = chain.from_iterable(map(facts.enclosing, members.tolist()))
-            if above is not None and set(above.tolist()).isdisjoint(around):
+            upper = set[int]() if above is None else set(above.tolist())
+            if above is not None and upper.isdisjoint(around) and not facts.turning(upper, members.tolist()):
                 # What the joined shape runs beneath cannot be joined beneath it any more.
                 facts.assume(above, members)
                 joined = True
