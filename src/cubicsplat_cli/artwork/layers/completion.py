@@ -142,9 +142,9 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     border if they all may be there, else DEPTHS beneath what hides them, or some FLUSH; None where there is none.
     """
     shown = window.extent.shown
-    (top, bottom), (left, right) = (np.flatnonzero(shown.any(axis=axis))[[0, -1]] for axis in (1, 0))
-    corner = np.array([window.extent.left, window.extent.top])
-    own = np.array([[left, top], [right + 1.0, bottom + 1.0]]) + corner
+    rows, columns = ndimage.find_objects(shown)[0]
+    corner = np.array([window.extent.left, window.extent.top], dtype=float)
+    own = np.array([[columns.start, rows.start], [columns.stop, rows.stop]]) + corner
     seen, sides, hidden = contour.points[np.isfinite(contour.sigma)], own.copy(), np.ones((2, 2), dtype=bool)
     if len(seen):
         ends = np.stack([seen.min(axis=0), seen.max(axis=0)])
@@ -159,11 +159,10 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     size = np.ptp(own, axis=0)
     if hidden.sum() > 2 and (size.min() < LEAST_BOX or (shown | ndimage.holes_of(shown)).sum() < size.prod()):
         return None  # of fewer than two sides only what fills a box is known to be one
-    places = [np.array([[0.0, 0.0], window.canvas[::-1]])[hidden]]
-    outwards = np.array([[-1.0, -1.0], [1.0, 1.0]])[hidden]
-    for depth in DEPTHS:
-        places += [sides[hidden] + outwards * each for each in product((depth, FLUSH), repeat=len(outwards))]
-    for place in places:
+    border, outwards = np.array([[[0.0, 0.0], window.canvas[::-1]], [[-1.0, -1.0], [1.0, 1.0]]])[:, hidden]
+    # Each of the hidden sides at a depth or flush, all of them flush once.
+    depths = dict.fromkeys(chain.from_iterable(product((depth, FLUSH), repeat=len(outwards)) for depth in DEPTHS))
+    for place in (border, *(sides[hidden] + outwards * each for each in depths)):
         sides[hidden] = place
         box = Rectangle(*sides[0].tolist(), *np.ptp(sides, axis=0).tolist())
         if len(window.wrong(box)) <= ALLOWED and not _shows_beyond(box, own, window.extent):

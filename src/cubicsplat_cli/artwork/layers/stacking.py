@@ -185,14 +185,14 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
             window = _box_around(facts, members)
             budget -= _area(window)
             between = _between(facts, members, window)
-            # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
-            above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
-            around = chain.from_iterable(map(facts.enclosing, members.tolist()))
-            upper = set[int]() if above is None else set(above.tolist())
-            if above is not None and upper.isdisjoint(around) and not facts.turning(upper, members.tolist()):
-                # What the joined shape runs beneath cannot be joined beneath it any more.
-                facts.assume(above, members)
-                joined = True
+            if between is not None:
+                # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
+                above, own = np.flatnonzero(np.isin(group, group[between])), members.tolist()
+                upper, around = set(above.tolist()), chain.from_iterable(map(facts.enclosing, own))
+                joined = upper.isdisjoint(around) and not facts.turning(upper, own)
+                if joined:
+                    # What the joined shape runs beneath cannot be joined beneath it any more.
+                    facts.assume(above, members)
         if joined:
             group[members] = members[0]
             of[members[0]] = members
