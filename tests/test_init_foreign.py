@@ -94,12 +94,12 @@ def test_what_is_left_out_is_said_in_a_line():
     <g clip-path="url(#c)"><path d="M0 0h9v9z" stroke="red" stroke-dasharray="2 1"/></g><path d="M oops"/>
     <rect width="9" height="9" fill="url(#none)"/><g display="none"><circle r="5"/></g>"""
     found = load_initial_drawing(f'{ROOT} width="50" height="50">{body}</svg>'.encode())
-    left_out = "1 clip-path, 1 dash pattern, 1 path that cannot be read, 1 pattern, 1 text"
+    left_out = "1 clip-path, 1 path that cannot be read, 1 pattern, 1 text"
     assert found.notes == (
         f"the SVG: left out of the drawing to begin with: {left_out}",
         "the SVG: begun with the mean colours of 1 gradient",
     )
-    assert found.scene.curves == 3
+    assert found.scene.curves == 2 + 11  # fills, and dashes on 30.7 px
     # A stop counts by its opacity.
     assert found.scene.colours[-1].tolist() == pytest.approx([2 / 3, 0, 1 / 3], abs=1 / 255)
     assert float(found.scene.opacities[-1]) == pytest.approx(0.75, abs=1 / 255)

@@ -32,7 +32,7 @@ _MOST_ELEMENTS, _DEEPEST = 200_000, 256  # elements that are drawn, those of a u
 _INHERITED = {
     "fill": "black", "fill-opacity": "1", "fill-rule": "nonzero", "stroke": "none", "stroke-width": "1",
     "stroke-opacity": "1", "stroke-linecap": "butt", "stroke-linejoin": "miter", "stroke-miterlimit": "4",
-    "stroke-dasharray": "none", "color": "black", "visibility": "visible",
+    "stroke-dasharray": "none", "stroke-dashoffset": "0", "color": "black", "visibility": "visible",
 }  # fmt: skip
 _EFFECTS = ("clip-path", "mask", "filter")
 _PROPERTIES = (*_INHERITED, "opacity", "display", *_EFFECTS)

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import points_at
+from cubicsplat_cli.artwork.geometry.stroke import MOST_DASHES, dashed, measured
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import counted, hex_text, one_line
 from cubicsplat_cli.record import record
@@ -79,8 +80,7 @@ def painted_shapes(svg: bytes, source: str, size: SvgSize, drawn: SvgSize) -> Pa
         tree = StyledTree(root, made.left_out)
         gradients, segments = _gradients(tree), 0
         for shape in tree.shapes(size.width, size.height):
-            painted = _painted(shape, to_px @ shape.matrix, gradients, made.left_out)
-            if painted is not None:
+            for painted in _painted(shape, to_px @ shape.matrix, gradients, made.left_out):
                 made.shapes.append(painted)
                 segments += sum(len(line.cubics) for line in painted.lines)
             if segments > MAX_COMMANDS:
@@ -92,33 +92,65 @@ def painted_shapes(svg: bytes, source: str, size: SvgSize, drawn: SvgSize) -> Pa
 
 def _painted(
     shape: StyledShape, matrix: np.ndarray, gradients: GradientReader, left_out: Counter[str]
-) -> PaintedShape | None:
-    """Return the shape in px, None if nothing of it is seen. matrix: (3, 3) from its units to px."""
+) -> list[PaintedShape]:
+    """Return the shape in px, its dashes apart from its fill; none if nothing of it is seen. matrix: (3, 3) from its
+    units to px.
+    """
     style = shape.style
     try:
         lines = cubic_subpaths(shape.path_data())
         if not lines or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
-            return None
+            return []
         fill, stroke = (_paint(shape, name, lines, matrix, gradients, left_out) for name in ("fill", "stroke"))
         width = parse_length(style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
         limit = parse_length(style["stroke-miterlimit"], 1.0)
+        dashes = None if stroke is None else _dashes(shape, lines)
     except TooLong:
         raise
     except (InputError, ValueError):
         left_out[f"{shape.name} that cannot be read"] += 1
-        return None
+        return []
     fill, stroke = (None if shape.name == "line" else fill), (stroke if width > 0.0 else None)
     if fill is None and stroke is None:
-        return None
-    left_out["dash pattern"] += stroke is not None and style["stroke-dasharray"] not in ("none", "")
+        return []
     cap = style["stroke-linecap"] if style["stroke-linecap"] in ("round", "square") else "butt"
     join = style["stroke-linejoin"] if style["stroke-linejoin"] in ("round", "bevel") else "miter"
     lines = [line.mapped(matrix) for line in lines]
     if max(float(np.abs(line.cubics).max()) for line in lines) > MAX_COORDINATE:
         left_out[f"{shape.name} beyond {MAX_COORDINATE:.0f} px"] += 1
-        return None
+        return []
     name, even_odd = shape.element.get("id") or shape.name, style["fill-rule"] == "evenodd"
-    return PaintedShape(name, lines, fill, stroke, width, even_odd, cap, join, limit, matrix)
+    whole = PaintedShape(name, lines, fill, stroke, width, even_odd, cap, join, limit, matrix)
+    if dashes is None:
+        return [whole]
+    parts = [replace(whole, stroke=None), replace(whole, lines=[line.mapped(matrix) for line in dashes], fill=None)]
+    return parts[fill is None : 1 + bool(dashes)]
+
+
+def _dashes(shape: StyledShape, lines: list[Subpath]) -> list[Subpath] | None:
+    """Return the dashes of a shape's stroke, by its subpaths in its own units; None if it is a whole line.
+
+    Raises ValueError for a pattern that cannot be read, InputError for too many dashes.
+    """
+    text = shape.style["stroke-dasharray"].replace(",", " ")
+    if text.strip() in ("none", ""):
+        return None
+    pattern = [parse_length(part, shape.view[0]) for part in text.split()] * 2
+    offset = parse_length(shape.style["stroke-dashoffset"], shape.view[0])
+    if min(pattern) < 0.0 or not sum(pattern):
+        return None
+    cubics = [line.ring() if line.closed else line.cubics for line in lines]
+    if (length := parse_length(shape.element.get("pathLength", "0"), 1.0)) > 0.0:
+        scale = sum(float(measured(each)[1][-1]) for each in cubics) / length
+        pattern, offset = [scale * part for part in pattern], scale * offset
+    if not math.isfinite(sum(pattern) + offset):
+        raise ValueError("lengths beyond all bounds")
+    dashes = list[Subpath]()
+    for each in cubics:
+        dashes += [Subpath(part, False) for part in dashed(each, pattern, offset)]
+        if len(dashes) > MOST_DASHES:
+            raise TooLong(f"has lines of more than {MOST_DASHES} dashes; make them longer")
+    return dashes
 
 
 def _paint(

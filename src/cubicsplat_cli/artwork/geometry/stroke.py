@@ -5,6 +5,8 @@ curves on both sides, caps and joins.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,12 +15,16 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Rectangle,
     Ring,
     arc,
+    arc_lengths,
+    cubic_parts,
     path_numbers,
+    points_at,
     polygon_lengths,
     ring_of_cubics,
     signed_area,
     thirds,
 )
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.cubics import Joints, Pieces, tied_coordinates
 from cubicsplat_cli.raster.strokes import OffsetPlan
 from cubicsplat_cli.record import record
@@ -28,6 +34,9 @@ MITER, BEVEL = "miter", "bevel"
 CAPS, JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
 # A width is even where it is off the usual one by no more than a share of it and so many px.
 EVEN_SHARE, EVEN_PX = 0.05, 0.2
+MOST_DASHES = 65_535  # of a line, which take a few seconds
+_DOT = 1e-3  # px, the length of a dash that has none
+_FINE = 32  # points of a cubic by which lengths along it are found
 
 
 @record
@@ -68,12 +77,15 @@ Path = Chain | Outline
 @record
 class Stroke:
     """path: the centre line, an outline where it is closed. width: px, > 0. cap: "butt", "round" or "square"; join:
-    "miter", "round" or "bevel"."""
+    "miter", "round" or "bevel". dashes: px along the path, alternately drawn and left out, over and over; or empty.
+    offset: px of these that come before its start."""
 
     path: Path
     width: float
     cap: str = BUTT
     join: str = MITER
+    dashes: tuple[float, ...] = ()
+    offset: float = 0.0
 
     @property
     def closed(self) -> bool:
@@ -82,8 +94,8 @@ class Stroke:
 
     @property
     def coordinates(self) -> int:
-        """Numbers of its path, and its width."""
-        return self.path.coordinates + 1
+        """Numbers of its path, its width, and its dashes and their offset."""
+        return self.path.coordinates + 1 + len(self.dashes) + bool(self.dashes)
 
     def plan(self, cubics: np.ndarray, lines: np.ndarray) -> OffsetPlan:
         """Return the plan of its outline along cubics (S, 4, 2) that have a length, lines (S,) bool of them."""
@@ -116,6 +128,10 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
 
     Where the stroke crosses itself its outline does too, and the nonzero rule fills it.
     """
+    if stroke.dashes:
+        parts = dashed(pieces_of(stroke.path)[0], stroke.dashes, stroke.offset)
+        bare = [replace(stroke, path=_chain_of(part), dashes=()) for part in parts]
+        return tuple(outline for own in bare for outline in outlines_of_stroke(own))
     cubics, lines = _lasting(*pieces_of(stroke.path))
     if not len(cubics):
         assert isinstance(stroke.path, Chain)
@@ -131,6 +147,46 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     there = line_chain(np.stack([rings[0][0, 0], rings[1][0, 0]])).cubics
     whole = np.concatenate([rings[0], there, rings[1], there[:, ::-1]])
     return (ring_of_cubics(whole, np.concatenate([straight[0], [True], straight[1], [True]]), smooth=False),)
+
+
+def dashed(cubics: np.ndarray, dashes: Sequence[float], offset: float = 0.0) -> list[np.ndarray]:
+    """The parts (n, 4, 2) of a line of cubics (S, 4, 2) that its dashes draw, by SVG's rules.
+
+    dashes: px, alternately drawn and left out, over and over; an even number. offset: px of the pattern before the
+    start of the line. A dash of no length, which shows its caps, gets a very small one. Raises InputError for more than
+    MOST_DASHES.
+    """
+    _, along = measured(cubics)
+    ends, period = np.cumsum([0.0, *dashes]), float(sum(dashes))
+    if len(dashes) * along[-1] > 2 * MOST_DASHES * period:
+        raise InputError(f"has a line of more than {MOST_DASHES} dashes; make them longer")
+    start = -(offset % period) + period * np.arange(math.ceil(along[-1] / period) + 2)[:, None]
+    first, last = ((start + ends[side:-1:2]).ravel() for side in (0, 1))
+    sides = np.stack([first, np.maximum(last, first + _DOT)], axis=1).clip(0.0, along[-1])
+    places = np.interp(sides[sides[:, 1] > sides[:, 0]], along, np.arange(len(along)) / _FINE)
+    return [_between(cubics, a, b) for a, b in places.tolist()]
+
+
+def measured(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (32 S + 1, 2) along a line of cubics (S, 4, 2), and how far along it each of them is (32 S + 1,), px."""
+    points = np.concatenate([points_at(cubics, np.arange(_FINE) / _FINE).reshape(-1, 2), cubics[-1:, 3]])
+    return points, arc_lengths(points)
+
+
+def _between(cubics: np.ndarray, first: float, last: float) -> np.ndarray:
+    """The part (n, 4, 2) of a line of cubics between two places: the number of a cubic and the parameter on it."""
+    a, b = int(first), math.ceil(last) - 1
+    part = cubics[a : b + 1].copy()
+    part[-1] = cubic_parts(part[-1], last - b)[0]
+    part[0] = cubic_parts(part[0], (first - a) / (last - b if a == b else 1.0))[1]
+    return part
+
+
+def _chain_of(cubics: np.ndarray) -> Chain:
+    """The chain of cubics (n, 4, 2), those that are straight as lines."""
+    lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
+    anchors = np.concatenate([cubics[:, 0], cubics[-1:, 3]])
+    return Chain(anchors, cubics[:, 1:3].copy(), lines, np.zeros(len(anchors), dtype=bool))
 
 
 def offset_ring(ring: Ring, reach: float) -> Ring:
