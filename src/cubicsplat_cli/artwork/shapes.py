@@ -171,7 +171,8 @@ def _alike(across: float, down: float) -> bool:
 
 
 def _scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
-    return replace(stroke, path=scaled_outline(stroke.path, factor, factor), width=stroke.width * factor)
+    width, *dashes, offset = (factor * length for length in (stroke.width, *stroke.dashes, stroke.offset))
+    return Stroke(scaled_outline(stroke.path, factor, factor), width, stroke.cap, stroke.join, tuple(dashes), offset)
 
 
 def scaled_outline(outline: AnyLine, across: float, down: float) -> AnyLine:

@@ -261,11 +261,12 @@ def _finished(
 
 def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings, error: float) -> Drawing:
     """Return a drawing with strokes, fitted to its goal, in place of shapes of even width: of all on request, else of
-    those whose description becomes shorter; none in a cutout.
+    those whose description becomes shorter; and with dashed ones in place of rows of dashes. None in a cutout.
     """
     # Without a goal the work has stopped already.
     if goal is None or settings.strokes is False or settings.stacking == CUTOUT:
         return drawing
+    from cubicsplat_cli.artwork.strokes.dashes import with_dashes
     from cubicsplat_cli.artwork.strokes.find import as_strokes
     from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes, with_shared_pens
 
@@ -280,7 +281,8 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings
         elif found:
             drawing = replace(drawing, shapes=tuple(chain.from_iterable(strokes)))
             drawing = fitted_strokes(drawing, goal)
-    return drawing
+        drawing = with_dashes(drawing, goal, settings.detail)
+    return drawing  # noqa: RET504 (a stop leaves an earlier one)
 
 
 def draw_flat(picture: FlatPicture) -> Drawing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import cache
 
 import numpy as np
@@ -109,9 +109,11 @@ def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray, meet: Cal
     return leaders
 
 
-def _pen(stroke: Stroke | None) -> tuple[float, str, str, bool] | None:
-    """Return what strokes of one path share: width, cap, join, and whether they are closed."""
-    return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
+def _pen(stroke: Stroke | None) -> tuple[Hashable, ...] | None:
+    """Return what strokes of one path share: width, cap, join, dashes, and whether they are closed."""
+    if stroke is None:
+        return None
+    return stroke.width, stroke.cap, stroke.join, stroke.dashes, stroke.offset, stroke.closed
 
 
 def primitive_of(shape: Shape) -> Circle | Ellipse | Rectangle | None:

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, extent_of, signed_area
-from cubicsplat_cli.artwork.geometry.stroke import BUTT, CAPS, JOINS, MITER, Chain, Path, Stroke, outlines_of_stroke
+from cubicsplat_cli.artwork.geometry.stroke import (
+    BUTT,
+    CAPS,
+    JOINS,
+    MITER,
+    MOST_DASHES,
+    Chain,
+    Path,
+    Stroke,
+    outlines_of_stroke,
+)
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
@@ -54,7 +64,7 @@ def read_drawing(text: str | bytes) -> Drawing:
 def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
     """Return the drawing of a document's elements. Raises InputError if they are not those of `write_drawing`."""
     size, gradients = elements[0].canvas_size(), GradientReader(elements)
-    shapes: list[Shape] = []
+    shapes, dashes = list[Shape](), 0
     clips: dict[str, tuple[Outline, ...]] = {}
     for element in elements[0].children:
         with element.checked():
@@ -72,7 +82,11 @@ def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
             else:
                 for shape in (element, *element.children):
                     with shape.checked():
-                        shapes += _shapes(shape, gradients)
+                        for made in _shapes(shape, gradients):
+                            shapes.append(made)
+                            dashes += len(made.outlines) if made.stroke and made.stroke.dashes else 0
+                            if dashes > MOST_DASHES:
+                                raise ValueError(f"is one of more than {MOST_DASHES} dashes")
     return Drawing(*size, tuple(shapes))
 
 
@@ -134,7 +148,7 @@ def _shading_curves(group: OwnElement) -> list[ShadingCurve]:
     return curves
 
 
-def _shapes(element: OwnElement, gradients: GradientReader) -> list[Shape]:
+def _shapes(element: OwnElement, gradients: GradientReader) -> Iterable[Shape]:
     """Return the shapes of an element, none of a gradient, a title or a group."""
     if element.place in ("svg/g/g", "svg/g/polygon"):
         raise ValueError(f"has an unexpected <{element.name}> element")
@@ -178,8 +192,8 @@ def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) 
     return mean_fill(gradient), gradient
 
 
-def _strokes(element: OwnElement) -> list[Shape]:
-    """Return one stroke, or one for each subpath of a path."""
+def _strokes(element: OwnElement) -> Iterator[Shape]:
+    """Yield one stroke, or one for each subpath of a path."""
     given = element.attributes
     fill, width = fill_of(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
     if width <= 0.0:
@@ -191,8 +205,13 @@ def _strokes(element: OwnElement) -> list[Shape]:
         paths: list[Path] = [_primitive(element)]
     else:
         paths = [_rotated(_centre_line(subpath), given) for subpath in element.subpaths()]
-    strokes = [Stroke(path, width, cap, join) for path in paths]
-    return [Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
+    dashes = tuple(map(_coordinate, given.get("stroke-dasharray", "").split()))
+    if dashes and (len(dashes) % 2 or min(dashes) < 0.0 or not sum(dashes)):
+        raise ValueError(f"has the stroke-dasharray {given['stroke-dasharray']!r}, not lengths of dashes and gaps")
+    offset = _coordinate(given.get("stroke-dashoffset", "0"))
+    for path in paths:
+        stroke = Stroke(path, width, cap, join, dashes, offset)
+        yield Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke)
 
 
 def fill_of(given: dict[str, str], kind: str) -> Rgba:

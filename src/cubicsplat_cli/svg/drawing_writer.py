@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
 
 _ANGLE_DECIMALS = 3  # degrees
+_DASH_DECIMALS = 2  # besides those of coordinates
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
@@ -100,6 +101,13 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
         attributes["stroke-linecap"] = stroke.cap
     if stroke.join != MITER:
         attributes["stroke-linejoin"] = stroke.join
+    # Their errors add up along the path.
+    fine = precision + _DASH_DECIMALS
+    lengths = [format_number(int(to_steps(length, fine)), fine) for length in (*stroke.dashes, stroke.offset)]
+    if stroke.dashes:
+        attributes["stroke-dasharray"] = " ".join(lengths[:-1])
+        if lengths[-1] != "0":
+            attributes["stroke-dashoffset"] = lengths[-1]
     return attributes
 
 

@@ -37,7 +37,8 @@ GEOMETRY = {
     "circle": ("cx", "cy", "r"),
     "ellipse": ("cx", "cy", "rx", "ry", "transform"),
 }
-_STROKE = {"stroke", "stroke-opacity", "stroke-width", "stroke-linecap", "stroke-linejoin"}
+_STROKE = {"stroke", *(f"stroke-{name}" for name in ("opacity", "width", "linecap", "linejoin"))}
+_DASHES = {"stroke-dasharray", "stroke-dashoffset"}
 _GRADIENT = {"id", "gradientUnits", "gradientTransform", "spreadMethod", "href", "xlink:href"}
 # The attributes of each element, by its place in a file.
 _OWN: dict[str, set[str]] = {
@@ -55,7 +56,7 @@ _OWN: dict[str, set[str]] = {
 }
 for _name, _geometry in GEOMETRY.items():
     _OWN[f"svg/clipPath/{_name}"] = {*_geometry}
-    _OWN[f"svg/{_name}"] = _OWN[f"svg/g/{_name}"] = {*_geometry, "id", "fill", "fill-opacity", *_STROKE}
+    _OWN[f"svg/{_name}"] = _OWN[f"svg/g/{_name}"] = {*_geometry, "id", "fill", "fill-opacity", *_STROKE, *_DASHES}
 for _parent in ("svg", "svg/defs", "svg/g"):
     _OWN[f"{_parent}/linearGradient"] = {"x1", "y1", "x2", "y2", *_GRADIENT}
     _OWN[f"{_parent}/radialGradient"] = {"cx", "cy", "r", "fx", "fy", "fr", *_GRADIENT}

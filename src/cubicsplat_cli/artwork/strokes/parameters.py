@@ -94,13 +94,14 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     strokes: of each shape, or the shape itself. detail: as in ArtworkSettings.
     """
     tried = np.array([own[0].stroke is not None for own in strokes])
+    groups = np.where(tried, np.arange(len(strokes)), -1)
     saved = [length_of(shape) - length_of(*own) for shape, own in zip(drawing.shapes, strokes, strict=True)]
     still = _layers(drawing, drawing.shapes, goal)
     parts = [_layers(drawing, strokes[n], goal) if own else [still[n]] for n, own in enumerate(tried.tolist())]
     before = State(still, goal)
     after = _fitted(before.with_layers([*chain.from_iterable(parts)]), drawing)
     owners = np.repeat(np.arange(len(parts)), [len(own) for own in parts])
-    pays = tried & (np.array(saved) > detail * _lost(before, after, owners, tried))
+    pays = tried & (np.array(saved) > detail * misfit_growth(before, after, groups, groups[owners]))
     shapes: list[Shape] = []
     for n in range(len(parts)):
         own = [after.layers[k] for k in np.flatnonzero(owners == n)] if pays[n] else [still[n]]
@@ -119,9 +120,9 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     # By their outlines: as a stroke that may move, a ring would be one loop around both of its sides.
     before = State([still_layer(shape, goal) for shape in shapes], goal)
     after = before.with_layers([still_layer(shape, goal) for shape in trials])
-    tried = np.isin(np.arange(len(shapes)), [*strokes])
+    groups = np.array([n if n in strokes else -1 for n in range(len(shapes))])
     # None is to be a stroke since its pixels happen to be nearer.
-    lost = np.maximum(detail * _lost(before, after, np.arange(len(shapes)), tried), 0.0)
+    lost = np.maximum(detail * misfit_growth(before, after, groups, groups), 0.0)
     gains = {n: length_of(shapes[n]) - length_of(trials[n]) + PEN - float(lost[n]) for n in strokes}
     # Those of a pen that there is not yet must pay for it together.
     together = defaultdict[tuple[Rgba, float], float](float)
@@ -133,11 +134,14 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _lost(before: State, after: State, owners: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    """Return (shapes,) by how much the misfit of those tried grows, as numbers. owners: of the layers after, (L,)."""
-    here, there = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
-    group, other = (np.where(tried[own], own, -1) for own in (here, owners[there]))
-    growth = before.stack.growth(after.stack, group, other, len(tried), before.spread)
+def misfit_growth(before: State, after: State, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Return (L,) by how much the misfit grows where layers change, as numbers of a description.
+
+    here: (L,) the group of each layer before, which is the number of one of them, or -1 if it stays; there: (M,) of
+    each layer after."""
+    outlines = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
+    group, other = (groups[own].astype(int) for groups, own in zip((here, there), outlines, strict=True))
+    growth = before.stack.growth(after.stack, group, other, len(here), before.spread)
     first = np.cumsum([0, *(len(layer.outlines) for layer in before.layers[:-1])])
     return 0.5 * growth / (PRICE * before.floors[first])
 
