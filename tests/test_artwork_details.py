@@ -272,6 +272,21 @@ def test_dots_smaller_than_a_pixel_are_drawn_but_for_those_on_an_edge(x: float, 
     assert len(new_shapes(explained(plain(), picture(document)))) == count
 
 
+@pytest.mark.parametrize("pitch", [2.5, 2.75, 2.94, 3.3])
+@pytest.mark.parametrize("known", [False, True])
+def test_faint_dots_have_their_own_fill_and_not_less_of_a_strong_one(pitch: float, known: bool) -> None:
+    faint = (176, 188, 236, 255)  # a blend of blue and white
+    box = '<rect x="34" y="33" width="8" height="8" fill="#b0bcec"/>' if known else ""
+    dots = "".join(f'<circle cx="{34.13 + pitch * k}" cy="12.5" r=".65" fill="#b0bcec"/>' for k in range(9))
+    drawing = plain()
+    if known:
+        drawing = replace(drawing, shapes=(*drawing.shapes, Shape(faint, (Rectangle(34.0, 33.0, 8.0, 8.0),), "box")))
+    found = explained(drawing, picture(truth(box + dots)))
+    new = [shape for shape in found.shapes if isinstance(shape.outlines[0], Circle)]
+    assert len(new) == 9 == len(found.shapes) - len(drawing.shapes)
+    assert np.abs(np.array([shape.fill for shape in new]) - faint).max() < (1 if known else 24)
+
+
 def test_the_seam_of_a_hidden_shape_along_the_edge_of_another_gets_no_dots() -> None:
     text = (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 48"><path d="M0 0H64V48H0z" fill="#fff"/>'

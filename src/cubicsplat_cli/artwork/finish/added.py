@@ -179,9 +179,12 @@ class _Trials:
 
     def _shortest(self, ways: list[_Explanation]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
-        floor = max((_floor(way) for way in ways), default=UNSEEN)
-        gains = [(0.0, list[Placed]()), *(self._gain(way, floor) for way in ways)]
-        return max(gains, key=lambda gain: gain[0])[1]
+        good = [(way, floor) for way in ways if self._gain(way, floor := _floor(way))[0] > 0.0]
+        if not good:
+            return []
+        # With the same misfit by chance for all, as the fainter of two fills has less of it.
+        common = max(floor for _, floor in good)
+        return self._gain(*max(good, key=lambda each: self._gain(each[0], common)[0]))[1]
 
     def _gain(self, way: _Explanation, floor: float) -> tuple[float, list[Placed]]:
         """Nats by which a way shortens the description, and its shapes that do."""

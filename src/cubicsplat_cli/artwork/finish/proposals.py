@@ -218,8 +218,8 @@ def _colours(
     """(k, 4) the colours that an area (h, w) bool of a window may have, several ways: the one that is farthest from
     what is drawn; that of the palette which pixels are blends with; all that its inner pixels show.
 
-    pure: a colour that is new shows as such in several pixels, as in a clean picture, and is no blend. Otherwise a
-    blend is none where no area shows it.
+    pure: a colour that is new shows as such in several pixels, as in a clean picture, and is no blend; one that does
+    not comes last. Otherwise a blend is none where no area shows it.
     """
     value, beside = values[where], ground[where]
     off = ((value - beside) ** 2).sum(axis=1)
@@ -235,9 +235,11 @@ def _colours(
         yield farthest[None]
     if found:
         shares, rests = (np.array(each) for each in zip(*found, strict=True))
-        costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
+        share = np.median(shares[:, strongest], axis=1)
+        costs = np.where(share >= LESS, rests.mean(axis=1), np.inf)
         if costs.min() < BLEND:
-            yield palette[[costs.argmin()]]
+            # Black explains grey dots as well as their own grey does, which shows most of itself.
+            yield palette[[np.where(costs <= costs.min() + 1.0, share, 0.0).argmax()]]
         several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
         if len(several) > 1:
             yield palette[several]
@@ -245,3 +247,6 @@ def _colours(
     if len(places):
         own = [np.abs(values[inner] - each).max(axis=1) <= SEEN for each in places]
         yield np.array([np.median(values[inner][each], axis=0) for each in own])
+    if pure and not new and farthest[3] >= OPAQUE and np.ptp(beside, axis=0).max() <= SEEN:
+        # Of dots smaller than a px, which show it nowhere, on one fill.
+        yield farthest[None]
