@@ -145,6 +145,23 @@ def test_what_is_no_row_of_dashes_stays(body):
     assert len(drawing.shapes) == 1 + body.count("/>") and not dashed_in(drawing)
 
 
+def test_dotted_lines_that_cross_run_straight_on():
+    lines = '<path d="M12 80H228M120 12V150" stroke="#444" stroke-width="3" stroke-linecap="round" {}/>'
+    drawing = drawing_of(lines.format('fill="none" stroke-dasharray="0 6.5"'))
+    found = dashed_in(drawing)
+    assert len(found) >= 2 and len(drawing.shapes) <= 8
+    for stroke in found:
+        assert np.ptp(stroke.path.anchors, axis=0).min() < 0.1
+    longest = [np.ptp(stroke.path.anchors, axis=0).max() for stroke in found]
+    assert sum(longest) > 300.0
+
+
+def test_parts_of_a_row_are_found_where_it_is_none_as_a_whole():
+    dots = [f'<circle cx="{20 + 5 * k}" cy="{80 + 1.5 * (k == 20)}" r="1.2" fill="#333"/>' for k in range(41)]
+    drawing = drawing_of("".join(dots))
+    assert len(dashed_in(drawing)) == 2 and len(drawing.shapes) < 6
+
+
 def test_no_strokes_means_no_dashes():
     assert not dashed_in(drawing_of(CURVE.format("14 9", ""), ArtworkSettings(strokes=False)))
 

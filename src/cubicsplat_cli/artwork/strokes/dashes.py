@@ -34,8 +34,10 @@ FINE = 0.25  # px between the points of an outline
 FILLED = 0.6, 1.2  # the share of its length times its width that a dash covers, from a bent one's to a disc's
 LONG = 1.5  # widths, from which a dash shows its direction
 TURN = math.radians(30.0)  # between a dash and the way to the next
-NEAREST = 8  # dashes, among which those before and after one are
+DOT_TURN = math.radians(24.0)  # between the ways at a dot: of a ring there are 15 or more
+NEAREST = 16  # dashes, among which those before and after one are
 CLEARLY = 1.25  # times as far off as those of its own row are the neighbours of a dash
+BLOCK = 500  # dashes whose neighbours are looked for at once
 MOST_DASHES = 3  # in a period
 OFF = 0.35  # px that a dash may begin or end off its place
 USUAL = 0.75  # of the dashes of a row are where they ought to be, the others are hidden in part
@@ -141,6 +143,12 @@ class _Row:
     many: int
     members: list[int]
 
+    def halves(self) -> list[_Row]:
+        """Return the rows on both sides of the widest gap, or of the middle."""
+        steps = np.diff(self.slots)
+        middle = int(steps.argmax()) + 1 if steps.max() > 1 else len(self.dashes) // 2
+        return _in_patterns(self.dashes[:middle]) + _in_patterns(self.dashes[middle:])
+
 
 def with_dashes(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     """Return the drawing with dashed strokes in place of shapes in rows, where its description gets shorter. detail: as
@@ -154,43 +162,52 @@ def with_dashes(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
         if plain and len(shape.outlines) == 1 and (dash := _Dash.of(n, shape)):
             dashes[shape.fill].append(dash)
     rows = [row for own in dashes.values() if len(own) >= FEWEST for row in _rows(own)]
-    found = [(row.members, _strokes(row, detail)) for row in rows]
-    if not found:
+    if not rows:
         return drawing
-    before, of_before = State([still_layer(shape, goal) for shape in shapes], goal), np.full(len(shapes), -1)
-    for members, _ in found:
-        of_before[members] = members[0]
-    # In front of all of its row or behind it, in each of the ways.
-    best = {members[0]: (0.0, shapes[members[0]], -1) for members, _ in found}
-    saved = {members[0]: length_of(*(shapes[n] for n in members)) for members, _ in found}
-    for end in (min, max):
-        for way in range(len(found[0][1])):
-            places = {end(members): (members[0], shapes[members[0]].stroked(own[way])) for members, own in found}
-            kept = [n for n in range(len(shapes)) if of_before[n] < 0 or n in places]
-            layers = [still_layer(places[n][1], goal) if n in places else before.layers[n] for n in kept]
-            lost = misfit_growth(before, before.with_layers(layers), of_before, of_before[kept])
-            for place, (row, shape) in places.items():
-                gain = saved[row] - length_of(shape) - detail * float(lost[row])
-                best[row] = max(best[row], (gain, shape, place), key=lambda each: each[0])
-    after = dict(enumerate(shapes))
-    for members, _ in found:
-        _, shape, place = best[members[0]]
-        if place >= 0:
-            for n in members:
-                del after[n]
-            after[place] = shape
+    before, after = State([still_layer(shape, goal) for shape in shapes], goal), dict(enumerate(shapes))
+    while rows:
+        left = list[_Row]()
+        for row, (gain, shape, place) in zip(rows, _tried(rows, before, goal, detail), strict=True):
+            if gain > 0.0:
+                for n in row.members:
+                    del after[n]
+                after[place] = shape
+            else:
+                left += row.halves()
+        rows = left
     return replace(drawing, shapes=tuple(shape for _, shape in sorted(after.items(), key=lambda each: each[0])))
+
+
+def _tried(rows: list[_Row], before: State, goal: Goal, detail: float) -> list[tuple[float, Shape, int]]:
+    """Return for each of some rows by how much the description of a drawing, as layers, gets shorter where a dashed
+    stroke takes its place, at best; that stroke, and the number of the shape of the row whose place it takes."""
+    shapes, strokes = [layer.shape for layer in before.layers], [_strokes(row, detail) for row in rows]
+    of_before = np.full(len(shapes), -1)
+    for row in rows:
+        of_before[row.members] = row.members[0]
+    saved = [length_of(*(shapes[n] for n in row.members)) for row in rows]
+    best = [(-math.inf, shapes[row.members[0]], -1) for row in rows]
+    # In front of all of its row or behind it, in each of the ways.
+    for end in (min, max):
+        for way in range(len(strokes[0])):
+            tried = [shapes[row.members[0]].stroked(own[way]) for row, own in zip(rows, strokes, strict=True)]
+            places = {end(row.members): still_layer(shape, goal) for row, shape in zip(rows, tried, strict=True)}
+            kept = [n for n in range(len(shapes)) if of_before[n] < 0 or n in places]
+            after = before.with_layers([places.get(n, before.layers[n]) for n in kept])
+            lost = misfit_growth(before, after, of_before, of_before[kept])
+            for k, (row, shape) in enumerate(zip(rows, tried, strict=True)):
+                gain = saved[k] - length_of(shape) - detail * float(lost[row.members[0]])
+                best[k] = max(best[k], (gain, shape, end(row.members)), key=lambda each: each[0])
+    return best
 
 
 def _rows(dashes: list[_Dash]) -> list[_Row]:
     """Return the rows of dashes that lie one behind the other, in order, in a pattern."""
-    from scipy.spatial import cKDTree  # takes a while to import, and few pictures have dashes
-
     middles = np.array([dash.middle for dash in dashes])
-    far, near = cKDTree(middles).query(middles, min(NEAREST + 1, len(dashes)))
+    far, near = _nearest(middles, min(NEAREST + 1, len(dashes)))
     alone = [
-        _in_line(dashes[row[0]], [dashes[j] for j in row[1:]], d[1:])
-        for row, d in zip(near.tolist(), far.tolist(), strict=True)
+        _in_line(dash, [dashes[j] for j in row[1:]], d[1:])
+        for dash, row, d in zip(dashes, near.tolist(), far.tolist(), strict=True)
     ]
     links = {
         (float(d), min(i, j), max(i, j))
@@ -218,6 +235,19 @@ def _rows(dashes: list[_Dash]) -> list[_Row]:
             index = np.roll(index, -int(np.abs(steps - np.median(steps)).argmax()))
         found += _in_patterns([dashes[n] for n in index.tolist()])
     return found
+
+
+def _nearest(points: np.ndarray, many: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances (n, many) from points (n, 2) to those nearest to each, itself first, and their numbers."""
+    found = list[tuple[np.ndarray, np.ndarray]]()
+    # In blocks that fit into memory. It takes a while to import scipy's trees.
+    for own in np.array_split(points, 1 + len(points) // BLOCK):
+        far = np.hypot(*(own[:, None] - points).transpose(2, 0, 1))
+        near = np.argpartition(far, many - 1, axis=1)[:, :many]
+        near = np.take_along_axis(near, np.take_along_axis(far, near, 1).argsort(axis=1), 1)
+        found.append((np.take_along_axis(far, near, 1), near))
+    far, near = map(np.concatenate, zip(*found, strict=True))
+    return far, near
 
 
 def _in_line(dash: _Dash, others: list[_Dash], far: list[float]) -> bool:
@@ -252,7 +282,7 @@ def _free_end(dash: _Dash, n: int, way: np.ndarray, ways: dict[Link, np.ndarray]
         link = n, int(way @ dash.along > 0.0)
         return None if link in ways else link
     taken = [end for end in (0, 1) if (n, end) in ways]
-    if len(taken) == 2 or (taken and float(way @ ways[n, taken[0]]) > -math.cos(2.0 * TURN)):
+    if len(taken) == 2 or (taken and float(way @ ways[n, taken[0]]) > -math.cos(DOT_TURN)):
         return None
     return n, 1 - taken[0] if taken else 0
 
@@ -334,12 +364,15 @@ def _gaps(drawn: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 def _strokes(row: _Row, detail: float) -> list[Stroke]:
     """Return the dashed strokes, with each of ENDS, that a row is."""
-    from scipy.interpolate import CubicSpline  # as above
+    from scipy.interpolate import Akima1DInterpolator  # takes a while to import, and few pictures have dashes
 
     middles = np.array([dash.middle for dash in row.dashes])
     spines = [dash.spine for dash in row.dashes]
     at = arc_lengths(np.concatenate(spines))
-    line, ends = CubicSpline(at, np.concatenate(spines)), (at[len(spines[0]) // 2], at[-1 - len(spines[-1]) // 2])
+    line, ends = (
+        Akima1DInterpolator(at, np.concatenate(spines), method="makima", extrapolate=True),
+        (at[len(spines[0]) // 2], at[-1 - len(spines[-1]) // 2]),
+    )
     slots, pattern = row.slots, (row.slots, row.whole, row.many)
     strokes = []
     for n, cap in enumerate(ENDS):
