@@ -27,6 +27,7 @@ ENDS = BUTT, ROUND
 # How the line is fitted: px that its points are off beyond PRECISION, and times the detail.
 WAYS = (PRECISION, 1.0), (0.0, 6.0)
 FEWEST = 4  # dashes of a row
+MANY = 64  # dashes, of which those that are no pattern are halved, and fewer cut where they are least even
 PERIODS = 3  # of a row, since four wheels of a train, two and two, are no pattern
 THIN = 12.0  # widths that a line is long
 SPARE = 0.25  # of a gap
@@ -37,7 +38,7 @@ TURN = math.radians(30.0)  # between a dash and the way to the next
 DOT_TURN = math.radians(24.0)  # between the ways at a dot: of a ring there are 15 or more
 NEAREST = 16  # dashes, among which those before and after one are
 CLEARLY = 1.25  # times as far off as those of its own row are the neighbours of a dash
-BLOCK = 500  # dashes whose neighbours are looked for at once
+SOME = 500  # dashes, each of which is compared with all others
 MOST_DASHES = 3  # in a period
 OFF = 0.35  # px that a dash may begin or end off its place
 USUAL = 0.75  # of the dashes of a row are where they ought to be, the others are hidden in part
@@ -77,13 +78,13 @@ class _Dash:
         across = np.array([-along[1], along[0]])
         s, t = (points - middle) @ along, (points - middle) @ across
         extent = float(np.ptp(s))
-        at = np.linspace(s.min(), s.max(), 2 + math.ceil(extent))[1:-1]
-        low, high = _sides(s, t, at)
-        spine = middle + at[:, None] * along + 0.5 * (low + high)[:, None] * across
         if length < LONG * width:
             # Of a dot the width hardly differs from the length.
             turned = _dot_sizes(float(np.ptp(t)), width, area)
             return cls(number, middle, along, length, width, middle[None], _dot_sizes(extent, length, area), turned)
+        at = np.linspace(s.min(), s.max(), 2 + math.ceil(extent))[1:-1]
+        low, high = _sides(s, t, at)
+        spine = middle + at[:, None] * along + 0.5 * (low + high)[:, None] * across
         pen = float(np.median(high - low))  # whether it bends or not
         sizes = (area / pen, pen), (area / pen - 0.25 * math.pi * pen, pen)
         return cls(number, middle, along, length, width, spine, sizes, None)
@@ -187,39 +188,25 @@ def _tried(rows: list[_Row], before: State, goal: Goal, detail: float) -> list[t
         of_before[row.members] = row.members[0]
     saved = [length_of(*(shapes[n] for n in row.members)) for row in rows]
     best = [(-math.inf, shapes[row.members[0]], -1) for row in rows]
-    # In front of all of its row or behind it, in each of the ways.
-    for end in (min, max):
-        for way in range(len(strokes[0])):
-            tried = [shapes[row.members[0]].stroked(own[way]) for row, own in zip(rows, strokes, strict=True)]
-            places = {end(row.members): still_layer(shape, goal) for row, shape in zip(rows, tried, strict=True)}
+    for way in range(len(strokes[0])):
+        tried = [
+            still_layer(shapes[row.members[0]].stroked(own[way]), goal) for row, own in zip(rows, strokes, strict=True)
+        ]
+        for end in (min, max):  # in front of all of its row or behind it
+            places = {end(row.members): layer for row, layer in zip(rows, tried, strict=True)}
             kept = [n for n in range(len(shapes)) if of_before[n] < 0 or n in places]
             after = before.with_layers([places.get(n, before.layers[n]) for n in kept])
             lost = misfit_growth(before, after, of_before, of_before[kept])
-            for k, (row, shape) in enumerate(zip(rows, tried, strict=True)):
-                gain = saved[k] - length_of(shape) - detail * float(lost[row.members[0]])
-                best[k] = max(best[k], (gain, shape, end(row.members)), key=lambda each: each[0])
+            for k, (row, layer) in enumerate(zip(rows, tried, strict=True)):
+                gain = saved[k] - length_of(layer.shape) - detail * float(lost[row.members[0]])
+                best[k] = max(best[k], (gain, layer.shape, end(row.members)), key=lambda each: each[0])
     return best
 
 
 def _rows(dashes: list[_Dash]) -> list[_Row]:
     """Return the rows of dashes that lie one behind the other, in order, in a pattern."""
     middles = np.array([dash.middle for dash in dashes])
-    far, near = _nearest(middles, min(NEAREST + 1, len(dashes)))
-    alone = [
-        _in_line(dash, [dashes[j] for j in row[1:]], d[1:])
-        for dash, row, d in zip(dashes, near.tolist(), far.tolist(), strict=True)
-    ]
-    links = {
-        (float(d), min(i, j), max(i, j))
-        for i, row in enumerate(near.tolist())
-        for d, j in zip(far[i].tolist(), row, strict=True)
-        if j != i
-        and d > 0.0
-        and alone[i]
-        and alone[j]
-        and _ahead(dashes[i], dashes[j])
-        and _ahead(dashes[j], dashes[i])
-    }
+    links = _links(dashes, *_nearest(middles, min(NEAREST + 1, len(dashes))))
     partner, ways = dict[Link, Link](), dict[Link, np.ndarray]()
     for distance, i, j in sorted(links):
         way = (middles[j] - middles[i]) / distance
@@ -239,40 +226,32 @@ def _rows(dashes: list[_Dash]) -> list[_Row]:
 
 def _nearest(points: np.ndarray, many: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances (n, many) from points (n, 2) to those nearest to each, itself first, and their numbers."""
-    found = list[tuple[np.ndarray, np.ndarray]]()
-    # In blocks that fit into memory. It takes a while to import scipy's trees.
-    for own in np.array_split(points, 1 + len(points) // BLOCK):
-        far = np.hypot(*(own[:, None] - points).transpose(2, 0, 1))
-        near = np.argpartition(far, many - 1, axis=1)[:, :many]
-        near = np.take_along_axis(near, np.take_along_axis(far, near, 1).argsort(axis=1), 1)
-        found.append((np.take_along_axis(far, near, 1), near))
-    far, near = map(np.concatenate, zip(*found, strict=True))
-    return far, near
+    if len(points) > SOME:
+        from scipy.spatial import cKDTree  # takes 0.2 s to import
+
+        return cKDTree(points).query(points, many)
+    far = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
+    near = far.argsort(axis=1)[:, :many]
+    return np.take_along_axis(far, near, 1), near
 
 
-def _in_line(dash: _Dash, others: list[_Dash], far: list[float]) -> bool:
-    """Return whether a dash may lie in a row, not in an array as bricks and windows do. others: those nearest to it,
-    from the nearest on; far: px to each."""
-    if dash.turned:
-        # There are two beside a dot, and those beyond these.
-        return far[2] > CLEARLY * far[1]
-    ahead = next((d for other, d in zip(others, far, strict=True) if _ahead(dash, other)), math.inf)
-    return not any(
-        d < CLEARLY * ahead
-        and not other.turned
-        and abs(float(dash.along @ other.along)) > math.cos(TURN)
-        and not _ahead(dash, other)
-        for other, d in zip(others, far, strict=True)
-    )
-
-
-def _ahead(dash: _Dash, other: _Dash) -> bool:
-    """Return whether another dash lies ahead of one or behind it, and beyond its ends."""
-    way = other.middle - dash.middle
-    distance = float(np.hypot(*way))
-    aligned = dash.turned or abs(float(way @ dash.along)) > math.cos(TURN) * distance
-    alike = max(dash.sizes[0][1], other.sizes[0][1]) < LONG * min(dash.sizes[0][1], other.sizes[0][1])
-    return bool(alike and aligned) and distance > 0.5 * (dash.length + other.length)
+def _links(dashes: list[_Dash], far: np.ndarray, near: np.ndarray) -> set[tuple[float, int, int]]:
+    """Return the pairs of dashes of which one may lie behind the other, and px between them. far, near: (n, k) as
+    `_nearest` returns them."""
+    middles, along = np.array([(dash.middle, dash.along) for dash in dashes]).transpose(1, 0, 2)
+    length, pen = np.array([(dash.length, dash.sizes[0][1]) for dash in dashes]).T
+    dots, this = np.array([dash.turned is not None for dash in dashes]), np.arange(len(dashes))[:, None]
+    way, straight = middles[near] - middles[this], math.cos(TURN) * far
+    aligned = [dots[each] | (np.abs(summed(way * along[each])) > straight) for each in (this, near)]
+    alike = np.maximum(pen[this], pen[near]) < LONG * np.minimum(pen[this], pen[near])
+    ahead = alike & aligned[0] & aligned[1] & (far > 0.5 * (length[this] + length[near]))
+    # Those with others beside them that are as near lie in arrays, as bricks and windows do. A dot has two beside it.
+    parallel = ~dots[near] & (np.abs(summed(along[this] * along[near])) > math.cos(TURN)) & (near != this)
+    beside = parallel & ~ahead & (far < CLEARLY * np.where(ahead, far, np.inf).min(axis=1, keepdims=True))
+    alone = np.where(dots, far[:, 3] > CLEARLY * far[:, 2], ~beside.any(axis=1))
+    first, place = np.nonzero(ahead & alone[:, None] & alone[near])
+    pairs = np.sort(np.column_stack([first, near[first, place]]), axis=1)
+    return {(d, i, j) for d, (i, j) in zip(far[first, place].tolist(), pairs.tolist(), strict=True)}
 
 
 def _free_end(dash: _Dash, n: int, way: np.ndarray, ways: dict[Link, np.ndarray]) -> Link | None:
@@ -305,8 +284,9 @@ def _in_patterns(row: list[_Dash]) -> list[_Row]:
             members = [dash.number for dash in row[own[0] : own[-1] + 1]]
             return [_Row([row[n] for n in own.tolist()], slots, whole, many, members)]
     steps = np.diff(at)
-    cut = int(single[int(np.abs(steps - np.median(steps)).argmax()) + 1]) if len(steps) else 0
-    return _in_patterns(row[:cut]) + _in_patterns(row[cut:]) if cut else []
+    cut = len(steps) // 2 if len(steps) > MANY else int(np.abs(steps - np.median(steps)).argmax())
+    cut = int(single[cut + 1])
+    return _in_patterns(row[:cut]) + _in_patterns(row[cut:])
 
 
 def _ways(row: list[_Dash]) -> np.ndarray:
