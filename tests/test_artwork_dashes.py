@@ -136,9 +136,20 @@ def bars(*boxes: tuple[int, int, int, int]) -> str:
         bars(*((20 + 28 * k, 20 + 14 * n, 20, 6) for k in range(6) for n in range(7))),
         bars(*((10 + 24 * k + 12 * (n % 2), 20 + 12 * n, 20, 8) for k in range(8) for n in range(8))),
         bars(*((x, 80, width, 5) for x, width in ((10, 30), (50, 8), (64, 44), (115, 20), (141, 61), (208, 9)))),
-        "".join(f'<circle cx="{40 + 60 * k}" cy="80" r="8" fill="#a33"/>' for k in range(3)),
+        bars(*((20 + 36 * k, 20 + 30 * n, 18, 18) for k in range(6) for n in range(4))),
+        "".join(f'<circle cx="40" cy="{15 + 26 * k}" r="2" fill="#a33"/>' for k in range(6)),
+        "".join(f'<circle cx="{40 + 42 * k}" cy="80" r="16" fill="#a33"/>' for k in range(5)),
     ],
-    ids=["rungs of a ladder", "windows of a house", "lines of a text", "bricks", "words", "a few dots"],
+    ids=[
+        "rungs of a ladder",
+        "windows of a house",
+        "lines of a text",
+        "bricks",
+        "words",
+        "more windows",
+        "bullets of a list",
+        "wheels",
+    ],
 )
 def test_what_is_no_row_of_dashes_stays(body):
     drawing = drawing_of(body)
