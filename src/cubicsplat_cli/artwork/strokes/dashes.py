@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.strokes.centre_line import open_line
 from cubicsplat_cli.artwork.strokes.find import length_of
 from cubicsplat_cli.artwork.strokes.parameters import misfit_growth
 from cubicsplat_cli.artwork.structure import boxes_of
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
@@ -28,22 +29,21 @@ ENDS = BUTT, ROUND
 WAYS = (PRECISION, 1.0), (0.0, 6.0)
 FEWEST = 4  # dashes of a row
 MANY = 64  # dashes, of which those that are no pattern are halved, and fewer cut where they are least even
-PERIODS = 3  # of a row, since four wheels of a train, two and two, are no pattern
-THIN = 12.0  # widths that a line is long
-SPARE = 0.25  # of a gap
+PERIODS = 3  # of a row at least, since four wheels of a train, two and two, are no pattern
+THIN = 12.0  # widths that a line is long at least
+SPARE = 0.25  # of a gap that a line goes on beyond its first and its last dash
 FINE = 0.25  # px between the points of an outline
 FILLED = 0.6, 1.2  # the share of its length times its width that a dash covers, from a bent one's to a disc's
 LONG = 1.5  # widths, from which a dash shows its direction
 TURN = math.radians(30.0)  # between a dash and the way to the next
 DOT_TURN = math.radians(24.0)  # between the ways at a dot: of a ring there are 15 or more
-NEAREST = 16  # dashes, among which those before and after one are
+NEAREST = 16  # dashes, among which are those before and after one
 CLEARLY = 1.1  # times as far off as those of its own row are the neighbours of a dash
 SOME = 500  # dashes, each of which is compared with all others
 MOST_DASHES = 3  # in a period
 OFF = 0.35  # px that a dash may begin or end off its place
 USUAL = 0.75  # of the dashes of a row are where they ought to be, the others are hidden in part
-APART = 4.0  # times the longest dash that a gap is at most
-
+APART = 4.0  # times the longest dash, that gaps are at most: bullets of a list are farther apart
 
 Sizes = tuple[tuple[float, float], ...]
 
@@ -189,6 +189,7 @@ def _tried(rows: list[_Row], before: State, goal: Goal, detail: float) -> list[t
     saved = [length_of(*(shapes[n] for n in row.members)) for row in rows]
     best = [(-math.inf, shapes[row.members[0]], -1) for row in rows]
     for way in range(len(strokes[0])):
+        work().at()
         tried = [
             still_layer(shapes[row.members[0]].stroked(own[way]), goal) for row, own in zip(rows, strokes, strict=True)
         ]
@@ -348,11 +349,10 @@ def _strokes(row: _Row, detail: float) -> list[Stroke]:
 
     middles = np.array([dash.middle for dash in row.dashes])
     spines = [dash.spine for dash in row.dashes]
-    at = arc_lengths(np.concatenate(spines))
-    line, ends = (
-        Akima1DInterpolator(at, np.concatenate(spines), method="makima", extrapolate=True),
-        (at[len(spines[0]) // 2], at[-1 - len(spines[-1]) // 2]),
-    )
+    knots = np.concatenate(spines)
+    at = arc_lengths(knots)
+    first, last = at[len(spines[0]) // 2], at[-1 - len(spines[-1]) // 2]
+    line = Akima1DInterpolator(at, knots, method="makima", extrapolate=True)
     slots, pattern = row.slots, (row.slots, row.whole, row.many)
     strokes = []
     for n, cap in enumerate(ENDS):
@@ -361,7 +361,7 @@ def _strokes(row: _Row, detail: float) -> list[Stroke]:
         # Where an end is not cut off the line goes on into the gap: a dot at its very end might not be drawn.
         spare = SPARE * _gaps(drawn, places)[(slots[[0, -1]] - [1, 0]) % row.many]
         reach = 0.5 * lengths[[0, -1]] + spare * row.whole[[0, -1]]
-        points = line(np.linspace(ends[0] - reach[0], ends[1] + reach[1], math.ceil(ends[1] - ends[0])))
+        points = line(np.linspace(first - reach[0], last + reach[1], max(2, math.ceil(last - first))))
         for slack, finer in WAYS:
             path = open_line(points, np.zeros(0, dtype=int), finer * detail, slack)
             drawn, ought, places = _placed(_along(path, middles), lengths, *pattern)
