@@ -265,6 +265,11 @@ def test_too_long_a_path_is_split_where_its_parts_lie_apart_and_else_left_out():
     assert drawable.notes == ["left out: 1 path of more than 32767 characters"]
 
 
+def test_a_dashed_stroke_without_a_width_is_no_path():
+    body = '<rect width="9" height="9" fill="red" stroke="blue" stroke-width="0" stroke-dasharray="2"/>'
+    assert made(body, "xml").data.count(b"<path") == 1
+
+
 def test_what_no_format_of_shapes_holds_is_said():
     body = '<text x="3" y="20">Hi</text><clipPath id="c"><path d="M0 0h9v9z"/></clipPath><pattern id="p"/>'
     body += '<path d="M0 0h9v9z" clip-path="url(#c)" stroke="red" stroke-dasharray="3"/>'

@@ -101,13 +101,13 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
         attributes["stroke-linecap"] = stroke.cap
     if stroke.join != MITER:
         attributes["stroke-linejoin"] = stroke.join
-    # Their errors add up along the path.
-    fine = precision + _DASH_DECIMALS
-    lengths = [format_number(int(to_steps(length, fine)), fine) for length in (*stroke.dashes, stroke.offset)]
     if stroke.dashes:
-        attributes["stroke-dasharray"] = " ".join(lengths[:-1])
-        if lengths[-1] != "0":
-            attributes["stroke-dashoffset"] = lengths[-1]
+        # Their errors add up along the path.
+        fine = precision + _DASH_DECIMALS
+        *dashes, offset = (format_number(int(to_steps(each, fine)), fine) for each in (*stroke.dashes, stroke.offset))
+        attributes["stroke-dasharray"] = " ".join(dashes)
+        if offset != "0":
+            attributes["stroke-dashoffset"] = offset
     return attributes
 
 

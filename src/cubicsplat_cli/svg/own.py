@@ -37,7 +37,7 @@ GEOMETRY = {
     "circle": ("cx", "cy", "r"),
     "ellipse": ("cx", "cy", "rx", "ry", "transform"),
 }
-_STROKE = {"stroke", *(f"stroke-{name}" for name in ("opacity", "width", "linecap", "linejoin"))}
+_STROKE = {"stroke", "stroke-opacity", "stroke-width", "stroke-linecap", "stroke-linejoin"}
 _DASHES = {"stroke-dasharray", "stroke-dashoffset"}
 _GRADIENT = {"id", "gradientUnits", "gradientTransform", "spreadMethod", "href", "xlink:href"}
 # The attributes of each element, by its place in a file.

@@ -104,7 +104,7 @@ def _painted(
         fill, stroke = (_paint(shape, name, lines, matrix, gradients, left_out) for name in ("fill", "stroke"))
         width = parse_length(style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
         limit = parse_length(style["stroke-miterlimit"], 1.0)
-        dashes = None if stroke is None else _dashes(shape, lines)
+        dashes = _dashes(shape, lines) if stroke is not None and width > 0.0 else None
     except TooLong:
         raise
     except (InputError, ValueError):

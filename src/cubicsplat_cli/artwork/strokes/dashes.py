@@ -40,7 +40,7 @@ DOT_TURN = math.radians(24.0)  # between the ways at a dot: of a ring there are 
 NEAREST = 16  # dashes, among which are those before and after one
 CLEARLY = 1.1  # times as far off as those of its own row are the neighbours of a dash
 SOME = 500  # dashes, each of which is compared with all others
-MOST_DASHES = 3  # in a period
+KINDS = 3  # of dashes in a period, at most
 OFF = 0.35  # px that a dash may begin or end off its place
 USUAL = 0.75  # of the dashes of a row are where they ought to be, the others are hidden in part
 APART = 4.0  # times the longest dash, that gaps are at most: bullets of a list are farther apart
@@ -276,7 +276,7 @@ def _in_patterns(row: list[_Dash]) -> list[_Row]:
     # Longer ones are several that meet beneath something.
     single = np.flatnonzero(every < 2.0 * np.quantile(every, USUAL))
     at, lengths = arc_lengths(np.array([dash.middle for dash in row]))[single], every[single]
-    for many in range(1, min(MOST_DASHES, len(single) // PERIODS) + 1):
+    for many in range(1, min(KINDS, len(single) // PERIODS) + 1):
         if found := _pattern(at, lengths, many):
             kept, slots, whole = found
             own = single[kept]
