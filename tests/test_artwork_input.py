@@ -178,6 +178,17 @@ def test_a_ground_that_alternates_between_two_levels_is_no_noise():
     assert condition_of(levels).clean
 
 
+@pytest.mark.parametrize("pitch", [7.6, 6.4])
+def test_a_grid_of_thin_lines_is_no_noise(pitch):
+    """Lines of a px, between most of which too few pixels for a window of 5 x 5 are even."""
+    lines = "".join(f"M{k * pitch} 0V{SIDE}M0 {k * pitch}H{SIDE}" for k in range(1, int(SIDE / pitch)))
+    levels = as_levels(target("clean", f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="{lines}" stroke="#a8c8e8"/>'))
+    assert condition_of(levels).clean
+    noise = np.random.default_rng(4).normal(0.0, 15.0, (*levels.shape[:2], 3))
+    levels[..., :3] = np.clip(np.rint(levels[..., :3] + noise), 0.0, 255.0)
+    assert condition_of(levels).noise > 5.0
+
+
 def test_a_picture_in_the_colours_of_a_palette_was_no_jpeg():
     """Buttons that get darker downwards, and lines on them, in 24 colours."""
     random, rows = np.random.default_rng(0), np.arange(640)[:, None] % 120 / 30.0

@@ -117,7 +117,8 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     if not quiet.any():
         return Condition()
     # Spans within those of an even area, such as dither between two neighbouring levels, are no noise.
-    noise = _white_noise(second[quiet]) if (spans[quiet] > FLAT_RANGE).mean() > 0.5 else 0.0
+    everywhere = (spans[quiet] > FLAT_RANGE).mean() > 0.5 and not _even_everywhere(levels)
+    noise = _white_noise(second[quiet]) if everywhere else 0.0
     rough = quiet & (second >= ROUGH)
     jpeg = bool(rough.any()) if lossy else _compressed(levels, rough, spans, quiet, noise)
     drift = 0.0 if noise else _drift(levels, compressed=jpeg)
@@ -143,6 +144,11 @@ def _white_noise(second: np.ndarray) -> float:
     # 1.56: median of the largest of six normal deviates (two directions, three channels).
     noise = float(np.median(second)) / (SECOND * 1.56) if len(second) else 0.0
     return noise if noise >= 0.7 else 0.0
+
+
+def _even_everywhere(levels: np.ndarray) -> bool:
+    """Return True if nearly all pixels have 3 x 3 px that are exactly alike nearby, as between the lines of a grid."""
+    return bool(ndimage.maximum_filter(spread(levels, 3, 3) == 0.0, 2 * BLOCK + 1).mean() >= 0.9)
 
 
 def _cut_off(colours: np.ndarray) -> np.ndarray:
