@@ -213,6 +213,15 @@ def test_a_line_of_half_a_px_is_joined_where_it_has_little_of_the_corner():
     assert (joined_at_corners((share >= 0.5).astype(np.int32), faint, palette) == (share >= 0.5)).all()
 
 
+def test_a_line_of_one_px_is_joined_where_skia_leaves_a_tenth_at_the_corner():
+    palette = np.array([[255.0, 255.0, 255.0, 255.0], [0.0, 0.0, 0.0, 255.0]])
+    share = np.diag(np.full(9, 0.93))
+    share[np.arange(1, 9), np.arange(8)] = 0.085
+    levels = np.dstack([*[255.0 * (1.0 - share)] * 3, np.full((9, 9), 255.0)])
+    fills = joined_at_corners((share >= 0.5).astype(np.int32), levels, palette)
+    assert (fills[np.arange(1, 9), np.arange(8)] == 1).all()
+
+
 def test_squares_of_a_chess_board_stay_apart():
     board = np.kron(np.indices((6, 6)).sum(axis=0) % 2, np.ones((8, 8)))
     levels = np.dstack([*[255.0 * board] * 3, np.full(board.shape, 255.0)]).astype(np.float32)

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
+from io import BytesIO
 
+import cairosvg
+import numpy as np
+import pytest
+from PIL import Image
+
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
+from cubicsplat_cli.artwork.scene import scene_of
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.files.load import as_picture
+from cubicsplat_cli.raster.engines import render_scene
 
 FILL, HALF = [240.0, 80.0, 0.0, 255.0], [120.0, 40.0, 0.0, 127.5]
 
@@ -62,3 +72,48 @@ def test_lines_hardly_narrower_than_their_pixels_leave_no_fill() -> None:
     ground, ink = np.array([75.0, 146.0, 219.0, 255.0]), np.full(4, 255.0)
     levels = np.rint(ground + share * (ink - ground)).astype(np.float32)
     assert fills_of(levels) == [ground.tolist(), ink.tolist()]
+
+
+def pen_drawing(lines: str, *, pen: str = "#000", width: float = 1.0, ground: str = "#fff") -> np.ndarray:
+    """Slanted lines and a ring of a pen, and what else is drawn with it."""
+    svg = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="160" height="120"><path d="M0 0H160V120H0z" fill="{ground}"/>'
+        f'<g stroke="{pen}" stroke-width="{width}" fill="none"><path d="M8 110L40 60L76 112"/>'
+        f'<circle cx="120" cy="85" r="24.3"/>{lines}</g></svg>'
+    )
+    png = cairosvg.svg2png(bytestring=svg.encode())
+    return as_levels(as_picture(np.array(Image.open(BytesIO(png)).convert("RGB"))).target())
+
+
+FRAME = '<path d="M10 10H150V50H10ZM80 10V50"/>'
+
+
+@pytest.mark.parametrize(("pen", "ground"), [("#000", "#fff"), ("#fff", "#0d47a1"), ("#9e9e9e", "#fafafa")])
+@pytest.mark.parametrize("width", [1.0, 1.2])
+def test_level_lines_between_pixels_have_the_fill_of_slanted_ones(pen: str, ground: str, width: float) -> None:
+    found = fills_of(pen_drawing(FRAME, pen=pen, width=width, ground=ground))
+    assert len(found) == 2
+
+
+def test_level_lines_of_several_shares_have_one_fill() -> None:
+    rows = "".join(f'<path d="M{10 + 20 * k} {8 + 7.3 * k}h130"/>' for k in range(6))
+    assert len(fills_of(pen_drawing(rows.replace("h130", "H150")))) == 2
+
+
+def test_lines_around_areas_have_the_fill_of_other_lines() -> None:
+    areas = '<path d="M10 10H70V50H10z" fill="#e8f0fe"/><path d="M90 10H150V50H90z" fill="#ffecb3"/>'
+    assert len(fills_of(pen_drawing(areas, pen="#333"))) == 4
+
+
+@pytest.mark.parametrize("grey", ["#808080", "#999", "#444"])
+def test_grey_frames_in_whole_pixels_stay_grey_beside_black_lines(grey: str) -> None:
+    frame = f'<path d="M10 10H70V50H10zM90 10H150V50H90z" stroke="{grey}" stroke-width="2"/>'
+    found = fills_of(pen_drawing(frame))
+    assert [float(int(grey[1:3] if len(grey) == 7 else 2 * grey[1], 16))] * 3 + [255.0] in found
+
+
+def test_a_frame_between_pixels_is_drawn_in_one_fill_and_as_wide_as_it_was() -> None:
+    levels = pen_drawing(FRAME)
+    drawing = draw(levels / 255.0)
+    assert len({shape.fill for shape in drawing.shapes}) == 2
+    assert np.abs(255.0 * render_scene(scene_of(drawing)) - levels).mean() < 0.5

@@ -16,6 +16,7 @@ from cubicsplat_cli.raster.unmix import (
     distance_to_blends,
     fills_of_lines,
     joined_fills,
+    line_sections,
     near_fills,
     nearest_fills,
     part_facts,
@@ -223,3 +224,25 @@ def test_small_parts_join_neighbours_until_none_costs_less_so(rng: np.random.Gen
         for label in np.unique(found[around]) if own.sum() <= most else ():
             if np.linalg.norm(FILLS[label] - FILLS[found[own][0]]) <= near:
                 assert _cost(np.where(own, label, found), seen, neighbour, sigma) > after + part - 1e-6
+
+
+def test_sections_of_lines_are_sums_of_shares_between_two_areas() -> None:
+    """A level line over two rows, an upright one on one column, and a slanting one, between white and red."""
+    levels, areas = np.full((30, 40, 4), 255.0, np.float32), np.zeros((30, 40), np.int32)
+    levels[:, 20:], areas[:, 20:] = RED, 2
+    share = np.zeros((30, 40))
+    share[5:7, 3:17] = [[0.25], [0.75]]
+    share[12:25, 6] = 1.0
+    for k in range(8):
+        share[12 + k, 26 + k : 28 + k] = 0.6, 0.4
+    levels += (share[..., None] * (BLUE - levels)).astype(np.float32)
+    areas[share > 0.0] = -1
+    areas[12, 34] = -1  # between no two areas that blends explain
+    levels[12, 34] = BLACK
+    found, across, down, whole = line_sections(levels, areas, FILLS, BLUE, 2.0, 0.95)
+    np.testing.assert_allclose(found, share, atol=1e-6)
+    assert (across[5, 3:17] == pytest.approx(14 * 0.25)) and (down[5:7, 3:17] == pytest.approx(1.0))
+    assert (across[12:25, 6] == pytest.approx(1.0)) and (down[12:25, 6] == pytest.approx(13.0))
+    assert (across[13, 27:29] == pytest.approx(1.0)) and (down[13, 27:29] == pytest.approx([1.0, 1.0]))
+    np.testing.assert_array_equal(whole, share == 1.0)
+    assert not across[12, 34] and not down[12, 34]

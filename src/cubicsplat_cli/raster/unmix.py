@@ -128,6 +128,23 @@ def seam_shares(
     return _native("cs_seam_shares", *given, SEAM_STEPS, float(odd), CLEARLY, *out, result=None)
 
 
+def line_sections(
+    levels: np.ndarray, areas: np.ndarray, palette: np.ndarray, line: np.ndarray, off: float, part: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a picture (H, W, 4) shows of lines in a fill (4,) between areas: their share (H, W) float32 of each
+    pixel; the px (H, W) of the level and of the upright section there, each the sum of its shares, 0 where none is; and
+    (H, W) bool, sections that fill whole pixels.
+
+    areas: (H, W) the fills of a palette (P, 4) that areas show, -1 of other pixels. A section lies between two areas;
+    its pixels are blends of the line and the nearer one, to `off` levels. A whole pixel has a share of `part`.
+    """
+    shape = levels.shape[:2]
+    given = *shape, floats(levels), int32s(areas), doubles(palette), doubles(line), float(off), float(part)
+    return _native(
+        "cs_line_sections", *given, Out(shape, np.float32), Out(shape), Out(shape), Out(shape, bool), result=None
+    )
+
+
 def fills_of_lines(
     values: np.ndarray, place: tuple[np.ndarray, np.ndarray], palette: np.ndarray,
     beside: tuple[np.ndarray, np.ndarray], window: int, costs: tuple[float, float, float],

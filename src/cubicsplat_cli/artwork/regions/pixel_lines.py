@@ -21,8 +21,8 @@ from cubicsplat_cli.record import record
 SHORT = 5  # px of a pixel line whose fill longer ones show
 MOST_GROUNDS = 4  # of one fill's pixel lines, and that may shine through seams besides nothing: the commonest
 # Share of a line's fill in the pixel that joins, over its shares in the two pixels that meet: a line of one px across
-# has a quarter at the corners, one half as wide a quarter of that.
-LEAST_SHARE = 0.15
+# has a quarter at the corners, one half as wide a quarter of that, and one that Skia draws a tenth.
+LEAST_SHARE = 0.09
 WHOLE = 0.98  # share from which a pixel is the line's alone
 
 
