@@ -117,3 +117,33 @@ def test_a_frame_between_pixels_is_drawn_in_one_fill_and_as_wide_as_it_was() -> 
     drawing = draw(levels / 255.0)
     assert len({shape.fill for shape in drawing.shapes}) == 2
     assert np.abs(255.0 * render_scene(scene_of(drawing)) - levels).mean() < 0.5
+
+
+CROSSINGS = '<path d="M10 30H150"/><path d="M10 60H150"/><path d="M50 10V110"/><path d="M90 10V110"/>'
+
+
+def level_drawing(lines: str, pen: str, width: float) -> np.ndarray:
+    """Lines of a pen at whole coordinates, each a path of its own."""
+    svg = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="160" height="120"><path d="M0 0H160V120H0z" fill="#fff"/>'
+        f'<g stroke="{pen}" stroke-width="{width}">{lines}</g></svg>'
+    )
+    png = cairosvg.svg2png(bytestring=svg.encode())
+    return as_levels(as_picture(np.array(Image.open(BytesIO(png)).convert("RGB"))).target())
+
+
+@pytest.mark.parametrize("pen", ["#000000", "#b71c1c", "#1a237e"])
+@pytest.mark.parametrize("width", [1.0, 1.2, 1.5])
+def test_what_shows_where_level_lines_cross_tells_their_ink(pen: str, width: float) -> None:
+    white, ink = fills_of(level_drawing(CROSSINGS, pen, width))[::-1]
+    assert white == [255.0] * 4
+    assert ink[:3] == pytest.approx([int(pen[k : k + 2], 16) for k in (1, 3, 5)], abs=4.0)
+
+
+def test_lines_that_fill_two_rows_keep_their_fill_where_they_cross() -> None:
+    assert fills_of(level_drawing(CROSSINGS, "#999999", 2.0)) == [[153.0] * 3 + [255.0], [255.0] * 4]
+
+
+def test_lines_that_cross_nowhere_stay_pale() -> None:
+    alone = '<path d="M10 30H150"/><path d="M10 60H150"/><path d="M10 90H150"/>'
+    assert fills_of(level_drawing(alone, "#000000", 1.0))[0][:3] == pytest.approx([127.5] * 3, abs=1.0)

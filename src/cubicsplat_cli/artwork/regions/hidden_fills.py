@@ -3,7 +3,7 @@
 Blends lie between fills, so the colour farthest from all blends of the known fills is the least blended with them.
 
 False fills are the blends that lines of another fill make, always the same ones since drawing programs take few samples
-a pixel, or since the lines are level or upright.
+a pixel.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from itertools import permutations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import CLEAR, LONG, MOST_SMALL, OPAQUE, ROUNDED, SEEN, TOGETHER
+from cubicsplat_cli.artwork.regions.fills import CLEAR, MOST_SMALL, OPAQUE, ROUNDED, SEEN
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends, line_sections
-from cubicsplat_cli.record import record
+from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
 TRIES = 400  # colours
 ONE_OF_THREE = 0.6  # ratio of a fill's least distances from blends of three and of two other fills
@@ -26,11 +25,6 @@ FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill 
 NEAR = 5  # px of the window in which the ground and more of the line show beside a false fill
 # Shares of the pixels of a false fill with both beside them, and with the ground alone; share of the line that is more.
 BESIDE_BOTH, BESIDE_GROUND, MORE = 0.25, 0.7, 0.15
-NARROWEST, WIDEST = 0.75, 2.0  # px of a line across that shows its fill in some places, but not in all
-# px by which lines of one width differ: one of the four samples across a pixel that many programs take, or else what
-# rounding leaves. QUARTERS: of a pixel, in quarters, by which a share is off what samples give.
-SAMPLE, EXACT, QUARTERS = 0.25, 0.07, 0.12
-FAINT, WHOLE = 0.02, 0.95  # shares of a line in a pixel that belongs to it, and in one that is its own
 
 
 def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: float, fewest: float) -> np.ndarray:
@@ -116,91 +110,3 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
             elif more.sum() > counts[k]:
                 out[k] = (by_ground & ndimage.maximum_filter(more, NEAR)[shown]).mean() >= BESIDE_BOTH
     return out
-
-
-def pen_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Return (P,) bool: True for fills of a palette (P, 4) in levels that lines of another fill leave where they lie
-    between pixels: they are as wide as other lines, of which pixels show more; and for fills where such lines cross.
-
-    Other parameters as of `line_blends`.
-    """
-    counts, interior = (np.bincount(pure[where & (pure >= 0)], minlength=len(palette)) for where in (True, flat))
-    doubtful, out = interior <= FLAT, np.zeros(len(palette), dtype=bool)
-    thin = doubtful & (counts >= LONG)
-    if not thin.any() or doubtful.all():
-        return out
-    areas = np.where((pure < 0) | doubtful[pure], -1, pure)
-    # A false fill lies between the line's and an area's, so that the farthest from the areas is tried first.
-    contrast = largest(np.abs(palette[:, None] - palette[~doubtful])).min(axis=1)
-    for line in np.argsort(-contrast, kind="stable"):
-        share, rest = blend_of(palette, palette[~doubtful, None], palette[line])
-        between = (share >= LEAST_SHARE) & (share < 1.0) & (largest(np.abs(rest)) <= SEEN)
-        blends = doubtful & ~out & between.any(axis=0)
-        if out[line] or not counts[line] or not (blends & thin).any():
-            continue
-        pen = _pen(levels, np.where(areas == line, -1, areas), palette, line, pure == line)
-        if found := [k for k in np.flatnonzero(blends & thin) if pen.drew(pure == k)]:
-            out[found] = True
-            near = ndimage.maximum_filter(np.isin(pure, found), NEAR) & (pure >= 0)
-            out |= blends & (np.bincount(pure[near], minlength=len(palette)) >= BESIDE_GROUND * counts)
-    return out
-
-
-@record
-class _Pen:
-    """The lines in a fill between areas. shares: (H, W) theirs of each pixel. widths: (H, W) px of the line at a pixel,
-    infinite where none is told. (H, W) bool: own, pixels of the fill; long, of lines of LONG px; level, of level and
-    upright lines between rows of pixels; slanted, of all others that fill no whole pixels.
-    """
-
-    shares: np.ndarray
-    widths: np.ndarray
-    own: np.ndarray
-    long: np.ndarray
-    level: np.ndarray
-    slanted: np.ndarray
-
-    def drew(self, shown: np.ndarray) -> bool:
-        """Return True if pixels (H, W) bool are of lines as wide as LONG px of others, and LONG px show more of the
-        fill.
-
-        In a design of whole pixels level lines of a fill of their own may look alike, but all of them have one share,
-        and more shows nowhere beside them, as it does where lines meet.
-        """
-        widths, share = self.widths[shown], float(self.shares[shown].mean())
-        told = (widths >= NARROWEST) & (widths <= WIDEST)
-        if told.mean() < BESIDE_GROUND:
-            return False
-        off = np.abs(self.widths - widths[told].mean())
-        sampled = self.slanted | (_in_quarters(self.shares) & _in_quarters(share))
-        elsewhere = self.long & ~ndimage.maximum_filter(shown, NEAR)
-        others = elsewhere & (off <= np.where(sampled, SAMPLE, EXACT))
-        # Of pixels that have nearly all of the line's fill those that have it are not far off.
-        more = self.shares > min(share + MORE, 0.5 + 0.5 * share)
-        some = others & more | elsewhere & self.own & (share > 1.0 - MORE)
-        if (off[shown] <= SAMPLE).mean() < BESIDE_GROUND or some.sum() < LONG:
-            return False
-        meeting = ndimage.maximum_filter(shown & self.level, NEAR) & more & ~shown & (self.shares < 1.0)
-        slanted = (others & self.slanted).sum() >= LONG and meeting.sum() >= TOGETHER
-        return bool(slanted or (others & self.level).sum() >= LONG)
-
-
-def _in_quarters(share: np.ndarray | float) -> np.ndarray:
-    """Return bool: True for shares that four samples across a pixel leave of level lines."""
-    return np.abs(4.0 * share - np.rint(4.0 * share)) <= QUARTERS
-
-
-def _pen(levels: np.ndarray, areas: np.ndarray, palette: np.ndarray, line: int, own: np.ndarray) -> _Pen:
-    """Return the lines in a fill of a palette (P, 4) between areas of others, (H, W) as of `line_sections`, in a
-    picture (H, W, 4). own: (H, W) bool, the pixels of the fill.
-    """
-    shares, across, down, whole = line_sections(levels, areas, palette, palette[line], SEEN, WHOLE)
-    across, down = (np.where(each > 0.0, each, np.inf) for each in (across, down))
-    with np.errstate(divide="ignore"):
-        widths = 1.0 / np.hypot(1.0 / across, 1.0 / down)
-    parts, count = ndimage.label(own | (shares > FAINT), ndimage.SQUARE)
-    long = np.zeros(count + 1, dtype=bool)
-    long[1:] = [max(side.stop - side.start for side in box) >= LONG for box in ndimage.find_objects(parts)]
-    level, wide = np.maximum(across, down) >= LONG, (widths > WIDEST) & np.isfinite(widths)
-    between = ~whole & (shares < WHOLE * widths)  # hardly any thinner line lies within one row
-    return _Pen(shares, widths, own & ~wide, long[parts], level & between, ~level & ~whole)

@@ -34,7 +34,8 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     with_lines,
     without,
 )
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, pen_blends
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends
+from cubicsplat_cli.artwork.regions.pen_lines import pen_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import BorderMap, border_map
@@ -150,8 +151,10 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     if picture.labels is None:
         palette, pure, banded = _with_missing_fills(levels, palette, most)
         palette, pure, lined = with_pixel_lines(levels, palette, pure, most)
-        if len(palette) <= MOST_SEEN and (false := pen_blends(levels, palette, pure, flat_pixels(levels, SAME))).any():
-            palette, pure = palette[~false], np.append(np.where(false, -1, np.cumsum(~false) - 1), -1)[pure]
+        if len(palette) <= MOST_SEEN:
+            inks, false = pen_blends(levels, palette, pure, flat_pixels(levels, SAME))
+            numbers = np.append(np.where(false, -1, np.cumsum(~false) - 1), -1).astype(np.int32)
+            palette, pure = np.vstack([palette[~false], inks]), numbers[pure]
             lined &= pure >= 0
         fills = _blends_shared_out(levels, palette, pure, picture.standing)
         lined &= ~stands(palette, picture.standing)[fills]
