@@ -286,7 +286,7 @@ def test_rings_are_strokes_and_bars_share_the_pen_of_others():
         assert Counter(round(width, 1) for width in found) == widths
 
 
-@pytest.mark.parametrize("without", [{"stacking": "cutout"}, {"curves": 3}])
+@pytest.mark.parametrize("without", [{"stacking": "cutout"}, {"curves": 2}])
 def test_no_strokes_where_none_are_wanted_or_they_would_be_too_many_shapes(without):
     result = vectorize(picture_of(ICONS["arrow"]), style="artwork", threads=1, measure=False, **without)
     assert result.report.strokes == 0

@@ -12,6 +12,7 @@ from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle, Ring, flattened, pieces_of_rings
 from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE, ROUND, Stroke, line_chain
 from cubicsplat_cli.artwork.shapes import SHAPE_PARAMETERS, Drawing, Shape
+from cubicsplat_cli.artwork.strokes.network import network_of
 from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
@@ -34,8 +35,12 @@ def as_strokes(drawing: Drawing, detail: float, error: float, *, shorter: bool =
     widths are told well enough.
     """
     slack, shapes = min(error, MOST_SLACK), drawing.shapes
-    hopeful = _hopeful(shapes, slack) if shorter else range(len(shapes))
-    by_shape = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
+    hopeful = set(_hopeful(shapes, slack) if shorter else range(len(shapes)))
+    by_shape = dict[int, list[Stroke]]()
+    for n, shape in enumerate(shapes):
+        if shape.gradient is None:
+            own = _strokes(shape, detail, slack, shorter) if n in hopeful else []
+            by_shape[n] = _straight(shape, own, slack) or own
     width_of = _common([stroke for strokes in by_shape.values() for stroke in strokes])
     alike = {n: [replace(own, width=width_of[own.width]) for own in strokes] for n, strokes in by_shape.items()}
     return [tuple(map(shape.stroked, alike.get(n, ()))) or (shape,) for n, shape in enumerate(shapes)]
@@ -50,13 +55,33 @@ def _hopeful(shapes: tuple[Shape, ...], slack: float) -> list[int]:
 
 
 def length_of(*shapes: Shape) -> float:
-    """Return the length of the description of shapes, in numbers. A stroke's style counts as a fill does."""
-    return sum(
-        SHAPE_PARAMETERS + sum(outline.coordinates for outline in shape.outlines)
-        if shape.stroke is None
-        else 2.0 * SHAPE_PARAMETERS + shape.stroke.coordinates
-        for shape in shapes
-    )
+    """Return the length of the description of shapes, in numbers. A stroke's style counts as a fill does, and once for
+    all strokes of a shape, which are one element.
+    """
+    bare = [shape for shape in shapes if shape.stroke is None]
+    strokes = [(shape.fill, shape.stroke) for shape in shapes if shape.stroke]
+    paths = sum(stroke.path.coordinates for _, stroke in strokes)
+    pens = {(fill, own.width, own.cap, own.join, own.dashes, own.offset): own for fill, own in strokes}
+    pen = sum(2.0 * SHAPE_PARAMETERS + own.coordinates - own.path.coordinates for own in pens.values())
+    return paths + pen + sum(SHAPE_PARAMETERS + sum(each.coordinates for each in shape.outlines) for shape in bare)
+
+
+def _straight(shape: Shape, others: list[Stroke], slack: float) -> list[Stroke]:
+    """The straight strokes of one pen that cover what a shape does, if their description is shorter than its own and
+    that of other strokes; none without such.
+    """
+    least = min(length_of(shape), _numbers(shape, others) if others else math.inf)
+    strokes = network_of(shape.oriented()) if least > LEAST_LENGTH else []
+    if not strokes or _numbers(shape, strokes) >= least:
+        return []
+    # Of wider lines the ends and corners are told, which may be round.
+    told = strokes[0].width > LEAST_TOLD * EVEN_PX
+    return strokes if _same(shape, strokes, slack if told else MOST_SLACK) else []
+
+
+def _numbers(shape: Shape, strokes: list[Stroke]) -> float:
+    """The length of the description of strokes in place of a shape."""
+    return length_of(*(replace(shape, stroke=stroke) for stroke in strokes))
 
 
 def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[Stroke]:
@@ -69,7 +94,7 @@ def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[S
     from cubicsplat_cli.artwork.strokes.build import strokes_of  # few drawings have any
 
     strokes = strokes_of(shape.oriented(), detail, slack)
-    if shorter and length_of(*(replace(shape, stroke=stroke) for stroke in strokes)) >= length_of(shape):
+    if shorter and _numbers(shape, strokes) >= length_of(shape):
         return []
     # Where only shorter ones are asked for the pixels decide about them, once they are fitted to these.
     return strokes if strokes and _same(shape, strokes, MOST_SLACK if shorter else slack) else []
