@@ -11,7 +11,7 @@ from PIL import Image
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.regions.fills import picture_fills
-from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions, pixel_fills
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.load import as_picture
@@ -147,3 +147,9 @@ def test_lines_that_fill_two_rows_keep_their_fill_where_they_cross() -> None:
 def test_lines_that_cross_nowhere_stay_pale() -> None:
     alone = '<path d="M10 30H150"/><path d="M10 60H150"/><path d="M10 90H150"/>'
     assert fills_of(level_drawing(alone, "#000000", 1.0))[0][:3] == pytest.approx([127.5] * 3, abs=1.0)
+
+
+def test_chosen_fills_gain_no_ink() -> None:
+    levels, chosen = level_drawing(CROSSINGS, "#000000", 1.0), np.array([[255.0] * 4, [127.0, 127.0, 127.0, 255.0]])
+    assert pixel_fills(FlatPicture(levels, chosen), most=2).palette.tolist() == chosen.tolist()
+    assert pixel_fills(FlatPicture(levels, chosen)).palette.tolist() != chosen.tolist()

@@ -149,10 +149,11 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
     levels = picture.levels
     palette = picture_fills(levels) if picture.palette is None else picture.palette
     if picture.labels is None:
-        palette, pure, banded = _with_missing_fills(levels, palette, most)
+        flat = flat_pixels(levels, SAME)
+        palette, pure, banded = _with_missing_fills(levels, palette, flat, most)
         palette, pure, lined = with_pixel_lines(levels, palette, pure, most)
-        if len(palette) <= MOST_SEEN:
-            inks, false = pen_blends(levels, palette, pure, flat_pixels(levels, SAME))
+        if most is None and len(palette) <= MOST_SEEN:  # chosen fills stay
+            inks, false = pen_blends(levels, palette, pure, flat)
             numbers = np.append(np.where(false, -1, np.cumsum(~false) - 1), -1).astype(np.int32)
             palette, pure = np.vstack([palette[~false], inks]), numbers[pure]
             lined &= pure >= 0
@@ -170,12 +171,13 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
 
 
 def _with_missing_fills(
-    levels: np.ndarray, palette: np.ndarray, most: int | None
+    levels: np.ndarray, palette: np.ndarray, flat: np.ndarray, most: int | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The palette with the fills that only thin lines have, and the bands of shading, less those that lines of other
-    fills make; (H, W) int32 the fill of pixels that are one; and (H, W) bool the pixels of shading.
+    fills make; (H, W) int32 the fill of pixels that are one; and (H, W) bool the pixels of shading. flat: (H, W) bool,
+    pixels amid a square of one colour.
     """
-    flat, known, banded = flat_pixels(levels, SAME), len(palette), np.zeros(levels.shape[:2], dtype=bool)
+    known, banded = len(palette), np.zeros(levels.shape[:2], dtype=bool)
     pure = _pure_fills(levels, palette, flat)
     y, x = np.nonzero(pure < 0)
     if len(y) and known < min(most or MOST_PALETTE, MOST_PALETTE):

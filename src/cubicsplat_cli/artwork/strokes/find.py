@@ -68,11 +68,11 @@ def length_of(*shapes: Shape) -> float:
 
 def _straight(shape: Shape, others: list[Stroke], slack: float) -> list[Stroke]:
     """The straight strokes of one pen that cover what a shape does, if their description is shorter than its own and
-    that of other strokes; none without such.
+    that of other strokes, and they are no more than these; none without such.
     """
     least = min(length_of(shape), _numbers(shape, others) if others else math.inf)
     strokes = network_of(shape.oriented()) if least > LEAST_LENGTH else []
-    if not strokes or _numbers(shape, strokes) >= least:
+    if not strokes or _numbers(shape, strokes) >= least or 0 < len(others) < len(strokes):
         return []
     # Of wider lines the ends and corners are told, which may be round.
     told = strokes[0].width > LEAST_TOLD * EVEN_PX
