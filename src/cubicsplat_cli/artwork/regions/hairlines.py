@@ -116,7 +116,7 @@ def with_lines(
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_fills(labels, y, x, 1))[1] > off
     seen = ndimage.binary_dilation(far | (solid < 0), ndimage.SQUARE)
-    y, x = np.nonzero(_long_parts(seen, seen) & (away | (solid < 0)))
+    y, x = np.nonzero(long_parts(seen, seen) & (away | (solid < 0)))
     near = near_fills(solid, y, x, REACH)
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
@@ -126,15 +126,15 @@ def with_lines(
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)
     out = labels.copy()
     out[y[own], x[own]] = fill[own]
-    new = _long_parts((solid < 0) | (out != labels), out != labels)
+    new = long_parts((solid < 0) | (out != labels), out != labels)
     return np.where(new, out, labels)
 
 
-def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the connected parts of `where` that are CONTACT px long and have a pixel of `some` of it."""
+def long_parts(where: np.ndarray, some: np.ndarray, least: int = CONTACT) -> np.ndarray:
+    """Return (H, W) bool: the connected parts of `where` that are `least` px long and have a pixel of `some` of it."""
     parts, count = ndimage.label(where, ndimage.SQUARE)
     long = np.zeros(count + 1, dtype=bool)
-    long[1:] = [max(s.stop - s.start for s in box) >= CONTACT for box in ndimage.find_objects(parts)]
+    long[1:] = [max(s.stop - s.start for s in box) >= least for box in ndimage.find_objects(parts)]
     return (long & (np.bincount(parts[some], minlength=count + 1) > 0))[parts]
 
 

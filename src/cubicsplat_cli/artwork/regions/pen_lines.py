@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import APART, LONG, SAME, SEEN, TOGETHER, in_squares
+from cubicsplat_cli.artwork.regions.hairlines import long_parts
 from cubicsplat_cli.artwork.regions.hidden_fills import BESIDE_GROUND, FLAT, LEAST_SHARE, MORE, NEAR
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import line_sections
@@ -151,9 +152,7 @@ def _pen(levels: np.ndarray, areas: np.ndarray, palette: np.ndarray, line: int) 
     across, down = (np.where(each > 0.0, each, np.inf) for each in (across, down))
     with np.errstate(divide="ignore"):
         widths = 1.0 / np.hypot(1.0 / across, 1.0 / down)
-    parts, count = ndimage.label(shares > FAINT, ndimage.SQUARE)
-    long = np.zeros(count + 1, dtype=bool)
-    long[1:] = [max(side.stop - side.start for side in box) >= LONG for box in ndimage.find_objects(parts)]
     level = np.maximum(across, down) >= LONG
     between = ~whole & (shares < WHOLE * widths)  # hardly any thinner line lies within one row
-    return _Pen(shares, widths, long[parts], level & between, ~level & ~whole)
+    drawn = shares > FAINT
+    return _Pen(shares, widths, long_parts(drawn, drawn, LONG), level & between, ~level & ~whole)
