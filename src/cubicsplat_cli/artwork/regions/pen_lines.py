@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import APART, LONG, SAME, SEEN, TOGETHER, in_squares
+from cubicsplat_cli.artwork.regions.fills import APART, LONG, SAME, SEEN, TOGETHER, has_square
 from cubicsplat_cli.artwork.regions.hairlines import long_parts
 from cubicsplat_cli.artwork.regions.hidden_fills import BESIDE_GROUND, FLAT, LEAST_SHARE, MORE, NEAR
 from cubicsplat_cli.raster import ndimage
@@ -84,8 +84,7 @@ def crossing_ink(levels: np.ndarray, fill: np.ndarray, grounds: np.ndarray, show
 
     fill: (4,) levels, what these lines leave; grounds: (G, 4), one of which is beside them; shown: (H, W) bool, where.
     """
-    two = in_squares(shown[:-1, :-1] & shown[1:, :-1] & shown[:-1, 1:] & shown[1:, 1:])
-    if two[shown].mean() < BESIDE_GROUND:
+    if has_square(shown.astype(np.int32) - 1)[shown].mean() < BESIDE_GROUND:
         return None
     beside, above = (ndimage.maximum_filter(shown, size) for size in ((1, 3), (3, 1)))
     meeting = levels[beside & above & ~shown]
