@@ -198,3 +198,13 @@ def test_small_letters_of_a_reduced_picture_keep_their_dots():
     assert NOTE in " ".join(result.report.notes)
     drawn = rerender(result.svg.encode(), 2 * SIDE, SIDE, renderer="resvg").pixels[..., :3].astype(float)
     assert np.abs(drawn - np.asarray(small, float)).max() < 80.0
+
+
+def test_an_outline_between_two_fills_is_no_halo():
+    large = Image.new("RGB", (160 * TIMES, 160 * TIMES), "white")
+    corners = [(x * TIMES, y * TIMES) for x, y in ((80, 15), (140, 130), (20, 120))]
+    pen = ImageDraw.Draw(large)
+    pen.polygon(corners, "#ffd23c")
+    pen.line([*corners, corners[0]], "#1a1a1a", 2 * TIMES)
+    levels = levels_of(large.resize((160, 160), Image.Resampling.BOX))
+    assert without_halos(levels) is levels

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.condition import ROUGH, rippled
 from cubicsplat_cli.artwork.input.linear_light import blended_in_light, in_light
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED
@@ -26,6 +27,7 @@ FLAT = 2.0  # levels within 3 x 3 px of a fill of one colour, at most: rounding,
 LEAST = 0.1  # of 3 x 3 pixels, less than one: none is known
 HALO = 0.02  # of the contrast: rounding and gradients make less at CONTRAST levels
 MOST = 0.15  # of the contrast: what differs more from both sides of an edge is a shape between them
+BEYOND = 0.5  # of the contrast: no filter overshoots by as much in any channel, even of linear light in the dark
 RIPPLE = 0.05  # of the contrast: the second lobes of Lanczos' filter, within the range of both sides, make 0.02 each
 FEWEST = 32  # sides of edges that tell a filter
 WINDOW = 128  # px of the part of a picture in which an unsharp mask is estimated
@@ -218,9 +220,10 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     A picture was filtered as linear light if without such halos its edges are blended so. Its halos and second lobes
     are the wider in the dark.
     """
-    edges = [*map(_edges, _lines_of(levels))]
+    edges = [*_edges(levels), *_edges(levels.swapaxes(0, 1))]
     sharpened = _sharpened(edges)
-    if not (sharpened or _sharpened(map(in_light, edges))) or rippled(levels):
+    in_linear = (each._replace(lines=in_light(each.lines)) for each in edges)
+    if not (sharpened or _sharpened(in_linear)) or rippled(levels):
         return levels
     even, flat = _even(levels, ROUGH), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
@@ -261,17 +264,36 @@ def _filtered(levels: np.ndarray, light: bool) -> np.ndarray:
     return seen
 
 
-def _edges(values: np.ndarray) -> np.ndarray:
-    """Return (n, 2 * REACH + 1) the values across edges along the rows of a channel (H, W), rising."""
-    y, x = np.nonzero(np.abs(values[:, REACH + 1 : 1 - REACH] - values[:, REACH - 1 : -REACH - 1]) >= 0.5 * CONTRAST)
-    lines = values[y[:, None], x[:, None] + np.arange(2 * REACH + 1)].astype(np.float64)
-    falling = lines[:, 0] > lines[:, -1]
-    lines[falling] = lines[falling, ::-1]
-    even = np.abs(np.diff(lines, axis=1)[:, [0, -1]]).max(axis=1) <= ROUGH
-    return lines[even & (lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1) >= CONTRAST)]
+def _edges(levels: np.ndarray) -> list[_Edges]:
+    """Return the edges along the rows of each channel of a picture (H, W, C)."""
+    size, ends = (1, 2 * REACH + 1, 1), np.stack([levels[:, : -2 * REACH], levels[:, 2 * REACH :]])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    least, most = (each(levels, size)[:, REACH:-REACH] for each in (ndimage.minimum_filter, ndimage.maximum_filter))
+    beyond = largest(np.maximum(low - least, most - high)) > BEYOND * largest(high - low)
+    return [_Edges.of(values, beyond) for values in np.moveaxis(levels, 2, 0)]
 
 
-def _sharpened(edges: Iterable[np.ndarray]) -> bool:
+class _Edges(NamedTuple):
+    """lines: (n, 2 * REACH + 1) the values of a channel across edges, rising; beyond: (n,) bool, where some channel
+    differs from both sides by more than a halo, as an outline between two fills does."""
+
+    lines: np.ndarray
+    beyond: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray, beyond: np.ndarray) -> _Edges:
+        """Return the edges along the rows of a channel (H, W). beyond: (H, W - 2 * REACH) bool."""
+        steps = np.abs(values[:, REACH + 1 : 1 - REACH] - values[:, REACH - 1 : -REACH - 1])
+        y, x = np.nonzero(steps >= 0.5 * CONTRAST)
+        lines = values[y[:, None], x[:, None] + np.arange(2 * REACH + 1)].astype(np.float64)
+        falling = lines[:, 0] > lines[:, -1]
+        lines[falling] = lines[falling, ::-1]
+        even = np.abs(np.diff(lines, axis=1)[:, [0, -1]]).max(axis=1) <= ROUGH
+        told = even & (lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1) >= CONTRAST)
+        return cls(lines[told], beyond[y, x][told])
+
+
+def _sharpened(edges: Iterable[_Edges]) -> bool:
     """Return True if at least half of the edges of all channels have halos, on their light sides and on their dark
     ones. What differs by more lies beside the edge, as letters do.
     """
@@ -280,10 +302,11 @@ def _sharpened(edges: Iterable[np.ndarray]) -> bool:
     return bool(told) and all(((halos > HALO) & (halos <= MOST)).mean() >= 0.5 for halos in told)
 
 
-def _halos(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sizes of the halos on the light (n,) and dark (m,) sides of edges as of `_edges`, over the contrast.
-    Sides too near to an end of the scale, where a halo was cut off, do not count.
+def _halos(given: _Edges) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sizes of the halos on the light (n,) and dark (m,) sides of edges, over the contrast, inf where
+    something lies beside these. Sides too near to an end of the scale, where a halo was cut off, do not count.
     """
+    edges, beyond = given
     dark, light = edges[:, :2].mean(axis=1), edges[:, -2:].mean(axis=1)
     contrast, half = light - dark, 0.5 * (light + dark)
     # The pixel in the middle holds the point half of the way.
@@ -295,5 +318,6 @@ def _halos(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         own = side[told]
         # A side is a straight line through its far pixels: a soft shadow is darkest at the edge, too.
         line = own[:, :1] + (own[:, 2:3] - own[:, :1]) / 2.0 * near
-        found.append((line - own[:, near]).max(axis=1) / contrast[told])
+        sizes = (line - own[:, near]).max(axis=1) / contrast[told]
+        found.append(np.where(beyond[told], np.inf, sizes))
     return found[0], found[1]
