@@ -55,7 +55,9 @@ def test_dashes_of_lines_are_where_svg_has_them(corners, lengths, offset):
     place = (at + offset) % sum(pattern)
     on = np.searchsorted(np.cumsum(pattern), place, side="right") % 2 == 0
     assert sum(map(length_of, parts)) == pytest.approx(on.mean() * whole, abs=1e-3 * whole + 0.01)
-    assert len(parts) == np.count_nonzero(np.diff(on.astype(int), prepend=0) == 1) or whole < 1.0
+    seen = np.count_nonzero(np.diff(on.astype(int), prepend=0) == 1)
+    # The steps may miss a shorter dash, at an end of the line.
+    assert sum(length_of(part) > 1e-4 * whole for part in parts) <= seen <= len(parts) or whole < 1.0
 
 
 @given(POINTS, POINTS, POINTS, POINTS, LENGTHS, LENGTHS)
