@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, pieces_of_rings, turned_to
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke, pieces_of
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.paint import Gradient, Paint, Rgba, colours_in, mean_fill
@@ -84,6 +85,12 @@ class Shape:
         (left, top), (right, bottom) = np.floor(low), np.ceil(high)
         return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
 
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """The first row and column of its box, and how many of these it has."""
+        box = self.box()
+        return int(box.y), int(box.x), int(box.height), int(box.width)
+
     def covered(self, size: tuple[int, ...], room: int = 0) -> tuple[tuple[slice, slice], np.ndarray]:
         """Return the rows and columns of a canvas of size (H, W) that its box reaches, with `room` px around them, and
         the share (h, w) of each pixel of these that the outlines cover.
@@ -128,7 +135,8 @@ class Drawing:
     def coordinates(self) -> int:
         """Return the number of coordinates that an artist would write for the outlines."""
         lines = (shape.outlines if shape.stroke is None else (shape.stroke,) for shape in self.shapes)
-        return sum(line.coordinates for own in lines for line in own)
+        twice = sum(fill.outlines[0].coordinates for fill, stroke in pairwise(self.shapes) if is_framed(fill, stroke))
+        return sum(line.coordinates for own in lines for line in own) - twice
 
     def painted(self) -> Drawing:
         """Return the drawing whose placeholders become the mean colours of their gradients, each gradient a shape."""
@@ -136,6 +144,14 @@ class Drawing:
         for shape in self.shapes:
             shapes += [shape.filled(g, self.width, self.height) for g in (shape.gradient, *shape.over) if g] or [shape]
         return replace(self, shapes=tuple(shapes))
+
+
+def is_framed(fill: Shape, stroke: Shape) -> bool:
+    """Return whether a stroke runs along the only outline of a fill: in a file both are one element."""
+    if stroke.stroke is None or fill.stroke is not None or fill.shading is not None or fill.group != stroke.group:
+        return False
+    path, *holes = fill.outlines
+    return not holes and np.array_equal(path.ring().cubics, pieces_of(stroke.stroke.path)[0])
 
 
 def ground_shape(fill: Rgba, width: int, height: int) -> Shape:

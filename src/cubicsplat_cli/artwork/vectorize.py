@@ -222,22 +222,28 @@ def _fitted(
     outlined: Outlined, prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> Iterator[Drawing]:
     """Yield the versions, in px of the prepared levels, of a picture's outlines."""
-    drawing, goal = _finished(outlined, prepared, settings, on_sketch)
+    grid = samples_across(outlined.plan.levels, outlined.plan.regions) if prepared.condition.clean else 0
+    drawing, goal = _finished(outlined, prepared, settings, grid, on_sketch)
     for version in chain([drawing], () if goal is None else simpler(drawing, goal, settings.detail)):
-        painted = _with_strokes(version, goal, settings, outlined.error).painted()
+        painted = _with_strokes(version, goal, settings, outlined.error, grid).painted()
         leaks = None if prepared.condition.clean else outlined.flat
         simple = version is not drawing
         yield recoloured(painted, prepared.levels, leaks, simpler=simple) if settings.free_fills else painted
 
 
 def _finished(
-    outlined: Outlined, prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
+    outlined: Outlined,
+    prepared: PreparedInput,
+    settings: ArtworkSettings,
+    grid: int,
+    on_sketch: Callable[[Drawing], None],
 ) -> tuple[Drawing, Goal | None]:
-    """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before."""
+    """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before. grid: as of
+    `samples_across`.
+    """
     condition, plan, flat, target = prepared.condition, outlined.plan, outlined.flat, outlined.target
     drawing, goal, state = outlined.unpainted, None, None
     with work().stoppable():
-        grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Restored edges are less certain than those of the picture as it was read.
         levels = plan.levels if condition.clean else target
         space = seen_as(condition, sharp=target is not flat.levels)
@@ -259,15 +265,17 @@ def _finished(
     return drawing, goal
 
 
-def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings, error: float) -> Drawing:
+def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings, error: float, grid: int) -> Drawing:
     """Return a drawing with strokes, fitted to its goal, in place of shapes of even width: of all on request, else of
-    those whose description becomes shorter; and with dashed ones in place of rows of dashes. None in a cutout.
+    those whose description becomes shorter; and with dashed ones in place of rows of dashes. None in a cutout. grid: as
+    of `samples_across`.
     """
     # Without a goal the work has stopped already.
     if goal is None or settings.strokes is False or settings.stacking == CUTOUT:
         return drawing
     from cubicsplat_cli.artwork.strokes.dashes import with_dashes
     from cubicsplat_cli.artwork.strokes.find import as_strokes
+    from cubicsplat_cli.artwork.strokes.frames import with_frames
     from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes, with_shared_pens
 
     with work().stoppable():
@@ -282,6 +290,7 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings
             drawing = replace(drawing, shapes=tuple(chain.from_iterable(strokes)))
             drawing = fitted_strokes(drawing, goal)
         drawing = with_dashes(drawing, goal, settings.detail)
+        drawing = with_frames(drawing, goal, settings.detail, error, sampled=bool(grid))
     return drawing  # noqa: RET504 (a stop leaves an earlier one)
 
 

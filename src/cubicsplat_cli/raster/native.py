@@ -17,7 +17,7 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 
-ABI_VERSION = 17
+ABI_VERSION = 18
 
 
 @cache

@@ -33,6 +33,18 @@ def evenly_wide(shapes: Sequence[Sequence[np.ndarray]], share: float, px: float,
     return _native("cs_even_widths", *given, Out(len(shapes)))
 
 
+def ring_widths(rings: Sequence[np.ndarray], share: float, px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (rings,) px: the usual width of a shape along each of its rings; and the share, 0..1, of the ring's length
+    where the width differs from that by no more than `share` of it and `px` px.
+
+    rings: the cubics (S, 4, 2) of each, the outer one first.
+    """
+    ends = np.cumsum([len(ring) for ring in rings])
+    return _native(
+        "cs_ring_widths", len(rings), ends, np.concatenate(rings), share, px, Out(len(rings)), Out(len(rings))
+    )
+
+
 @record
 class StrokeOutline:
     """cubics: (n, 4, 2) px; lines: (n,) bool, straight ones. ends: of its rings, one or two; the first ring of a closed

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, pieces_of_rings, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
-from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.artwork.shapes import Shape, is_framed
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene.paint import is_opaque
@@ -30,7 +31,8 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     Where LEAST_SHAPES paths or more have one opaque fill or gradient, or are strokes by one pen, all that can join
     become groups, however small: their sizes depend on the order of layers, which little may change. In a drawing of at
     most FEW_PAINTS fills and gradients, one path and anything else that can join it is enough. Well rounded boxes join
-    paths too, as they are written as paths, and dots, since pixels do not tell their form.
+    paths too, as they are written as paths, and dots, since pixels do not tell their form. A fill and the stroke around
+    it are a group of their own.
 
     The rings of a group cover what its shapes cover, since every outer ring runs clockwise as seen and every hole the
     other way. A shape joins another one only if no shape of another fill that shares a pixel with it is drawn between
@@ -46,7 +48,8 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     dots = filled & ((boxes[2:] - boxes[:2]).prod(axis=0) <= _DOT)
     # Boxes that are written as paths, for their round corners.
     rounded = [isinstance(box := shape.outlines[0], Rectangle) and box.radius > MOST_ON_RECT for shape in shapes]
-    joins = paths | dots | (filled & (sign | np.array(rounded, dtype=bool)))
+    framed = np.array([*(is_framed(*pair) for pair in pairwise(shapes)), False])
+    joins = (paths | dots | (filled & (sign | np.array(rounded, dtype=bool)))) & ~framed & ~np.roll(framed, 1)
     # Translucent shapes would look different where they overlap.
     free = joins & np.array([is_opaque(shape.paint) for shape in shapes], dtype=bool)
     for k in np.flatnonzero(free).tolist():
@@ -83,6 +86,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
         # Groups of primitives alone that show their form are dissolved.
         loose = (np.bincount(leaders, paths | dots, len(shapes)) == 0)[leaders] & (leaders != np.arange(len(shapes)))
         if not loose.any():
+            leaders[1:][framed[:-1]] = np.flatnonzero(framed)
             return [[shapes[k] for k in np.flatnonzero(leaders == leader).tolist()] for leader in np.unique(leaders)]
         free &= ~loose
 

@@ -154,14 +154,21 @@ def _shapes(element: OwnElement, gradients: GradientReader) -> Iterable[Shape]:
         raise ValueError(f"has an unexpected <{element.name}> element")
     if element.name not in GEOMETRY:
         return []
-    return _strokes(element) if element.attributes.get("fill") == "none" else _fills(element, gradients)
+    if element.attributes.get("fill") == "none":
+        return _strokes(element)
+    fills = _fills(element, gradients)
+    if "stroke" not in element.attributes:
+        return fills
+    if len(fills) > 1 or len(fills[0].outlines) > 1:
+        raise ValueError("has a stroke around several outlines")
+    return [*fills, *_strokes(element)]
 
 
 def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
     """Return one shape, or one for each ring of a compound path that runs clockwise as seen; the others are holes."""
     given = element.attributes
     for name in given:
-        if name.startswith("stroke"):
+        if name.startswith("stroke") and "stroke" not in given:
             raise ValueError(f"has an unexpected attribute {name!r}")
     groups = _filled(element)
     fill, gradient = _paint(given, [outline.ring() for group in groups for outline in group], gradients)

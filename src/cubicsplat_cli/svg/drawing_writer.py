@@ -56,7 +56,7 @@ def elements_of(drawing: Drawing, precision: int | None = None) -> Element:
         if group[0].group != latest:
             latest = group[0].group
             parent = _group_element(root, latest, names)
-        painted = _painted(element, group[0], names, gradients, precision)
+        painted = _painted(element, group, names, gradients, precision)
         parent.extend(painted if group[0].shading is None else clipped(painted, group[0], names))
     return root
 
@@ -79,9 +79,12 @@ def drawn_elements(svg: str) -> int:
 
 
 def _painted(
-    element: Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
+    element: Element, group: Sequence[Shape], names: Identifiers, gradients: GradientElements, precision: int
 ) -> list[Element]:
-    """Return the element with its id in front and its paint behind, and before it its gradient if that is new."""
+    """Return the element of a group with its id in front and its paint behind, and before it its gradient if that is
+    new.
+    """
+    shape, around = group[0], group[-1]
     attributes = {"id": names.unique(shape.name), **element.attrib}
     before = None
     if shape.stroke is not None:
@@ -90,6 +93,8 @@ def _painted(
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
         attributes |= paint("fill", shape.fill)
+    if around.stroke is not None and shape.stroke is None:
+        attributes |= {**paint("stroke", around.fill), **_pen(around.stroke, precision)}
     element.attrib = attributes
     return [element] if before is None else [before, element]
 
@@ -112,7 +117,10 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
 
 
 def _element(group: Sequence[Shape], precision: int, rings: GridRings) -> Element | None:
-    """Return the element of one shape, or of several of one colour as a compound path; None if nothing is left."""
+    """Return the element of one shape, of a fill and the stroke around it, or of several shapes of one colour as a
+    compound path; None if nothing is left.
+    """
+    group = group[:1] if group[0].stroke is None and group[-1].stroke is not None else group
     primitive = primitive_of(group[0]) if len(group) == 1 else None
     if primitive is not None:
         return _primitive(primitive, precision)

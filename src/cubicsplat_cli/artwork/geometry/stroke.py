@@ -164,7 +164,7 @@ def dashed(cubics: np.ndarray, dashes: Sequence[float], offset: float = 0.0) -> 
     first, last = ((start + ends[side:-1:2]).ravel() for side in (0, 1))
     sides = np.stack([first, np.maximum(last, first + _DOT)], axis=1).clip(0.0, along[-1])
     places = np.interp(sides[sides[:, 1] > sides[:, 0]], along, np.arange(len(along)) / _FINE)
-    return [_between(cubics, a, b) for a, b in places.tolist()]
+    return [between(cubics, a, b) for a, b in places.tolist()]
 
 
 def measured(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -173,7 +173,7 @@ def measured(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points, arc_lengths(points)
 
 
-def _between(cubics: np.ndarray, first: float, last: float) -> np.ndarray:
+def between(cubics: np.ndarray, first: float, last: float) -> np.ndarray:
     """The part (n, 4, 2) of a line of cubics between two places: the number of a cubic and the parameter on it."""
     a, b = int(first), math.ceil(last) - 1
     part = cubics[a : b + 1].copy()

@@ -84,7 +84,7 @@ def _stroke(
     sigma = np.full(len(line), math.hypot(PRECISION, slack))
     known = np.zeros(len(line), dtype=bool)
     path = fit_outlines([line], [sigma], detail, [known])[0] if closed else open_line(line, corners, detail, slack)
-    return Stroke(path, width, cap, _join(path, closed, width, sides))
+    return Stroke(path, width, cap, join_of(path, closed, width, sides))
 
 
 def _node(row: list[Link], graph: Graph, end: int) -> int:
@@ -100,7 +100,7 @@ def _beside(row: list[Link], graph: Graph, centres: list[Centres], end: int) -> 
     return max(filter(math.isfinite, others), default=0.0)
 
 
-def _join(path: Path, closed: bool, width: float, sides: Sides) -> str:
+def join_of(path: Path, closed: bool, width: float, sides: Sides) -> str:
     """The join that reaches as far out of a path's corners as the outline does; empty without any."""
     cubics, _ = pieces_of(path)
     votes = {MITER: 0.0, ROUND: 0.0, BEVEL: 0.0}

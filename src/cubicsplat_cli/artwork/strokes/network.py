@@ -45,7 +45,7 @@ class _Sides:
 
 
 @record
-class _Inside:
+class Inside:
     """Where a shape is: low (2,) px, the corner of a mask (H, W) bool of STEPS pixels a px."""
 
     low: np.ndarray
@@ -76,7 +76,7 @@ def network_of(rings: tuple[Ring, ...]) -> list[Stroke]:
     rest = lengths[~sides & (lengths > SHORTEST * width)].sum()
     if sides.sum() < FEWEST or rest > (1.0 - STRAIGHT) * lengths.sum() or _bent(ways, sides):
         return []
-    inside = _inside(cubics, lines)
+    inside = inside_of(cubics, lines)
     starts, ends, inward = cubics[sides, 0], cubics[sides, 3], inward[sides]
     for _ in range(2):  # the second time with the width that the first has told
         found = _Sides(starts + 0.5 * width * inward, ends + 0.5 * width * inward)
@@ -99,11 +99,11 @@ def _bent(ways: np.ndarray, sides: np.ndarray) -> bool:
     return bool(small.sum() > BENT * sides.sum())
 
 
-def _inside(cubics: np.ndarray, lines: np.ndarray) -> _Inside:
+def inside_of(cubics: np.ndarray, lines: np.ndarray) -> Inside:
     """Return where the pieces of a shape enclose it."""
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     columns, rows = ((np.ceil(cubics.max(axis=(0, 1))) + 2.0 - low) * STEPS).astype(int).tolist()
-    return _Inside(low, coverage((cubics - low) * STEPS, lines, 0, 0, rows, columns) > 0.5)
+    return Inside(low, coverage((cubics - low) * STEPS, lines, 0, 0, rows, columns) > 0.5)
 
 
 def _groups(sides: _Sides, width: float) -> list[np.ndarray]:
@@ -157,7 +157,7 @@ def _width(
 
 
 def _segments(
-    sides: _Sides, own: np.ndarray, place: np.ndarray, way: np.ndarray, inside: _Inside, width: float
+    sides: _Sides, own: np.ndarray, place: np.ndarray, way: np.ndarray, inside: Inside, width: float
 ) -> np.ndarray:
     """Return the parts (n, 2, 2) of a line that a shape holds, from end to end, as far as the shape goes on beyond the
     sides.
@@ -188,7 +188,7 @@ def _segments(
     return np.array(out)
 
 
-def _strokes(segments: np.ndarray, inside: _Inside, width: float) -> list[Stroke]:
+def _strokes(segments: np.ndarray, inside: Inside, width: float) -> list[Stroke]:
     """Return the strokes of segments (n, 2, 2): those that make a corner in one, others up to the middle of the line in
     which they end.
     """

@@ -85,7 +85,7 @@ class StrokeParameters:
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
     state = State(_layers(drawing, drawing.shapes, goal), goal)
-    fitted = _fitted(state, drawing)
+    fitted = fitted_state(state, drawing)
     return drawing if fitted is state else replace(drawing, shapes=tuple(map(_drawn, fitted.layers)))
 
 
@@ -99,7 +99,7 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     still = _layers(drawing, drawing.shapes, goal)
     parts = [_layers(drawing, strokes[n], goal) if own else [still[n]] for n, own in enumerate(tried.tolist())]
     before = State(still, goal)
-    after = _fitted(before.with_layers([*chain.from_iterable(parts)]), drawing)
+    after = fitted_state(before.with_layers([*chain.from_iterable(parts)]), drawing)
     owners = np.repeat(np.arange(len(parts)), [len(own) for own in parts])
     pays = tried & (np.array(saved) > detail * misfit_growth(before, after, groups, groups[owners]))
     shapes: list[Shape] = []
@@ -161,7 +161,7 @@ def _drawn(layer: Layer) -> Shape:
     return layer.shape.stroked(own.stroke) if isinstance(own, StrokeParameters) else layer.shape
 
 
-def _fitted(state: State, drawing: Drawing) -> State:
+def fitted_state(state: State, drawing: Drawing) -> State:
     """The state with its strokes fitted: first their widths too, then all of those that were alike in their mean one by
     length. Itself where these have very many pieces.
     """

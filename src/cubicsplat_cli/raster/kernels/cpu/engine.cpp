@@ -324,7 +324,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 17; }
+int32_t cs_abi_version() { return 18; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {

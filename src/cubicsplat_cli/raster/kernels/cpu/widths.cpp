@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "abi.h"
@@ -23,6 +24,7 @@ constexpr double kLeastStep = 0.25;              // px
 struct Sample {
   Point at, inward;
   double length;  // px of the outline that it stands for
+  int64_t ring;
 };
 
 struct Outlines {
@@ -71,7 +73,7 @@ struct Measured {
           const double u = (double(k) + 0.5) / double(count);
           const Point along = way(p, u);
           const Point inward{-along.y * signs[ring], along.x * signs[ring]};
-          samples.push_back({Place(p, u).at, inward, px / double(count)});
+          samples.push_back({Place(p, u).at, inward, px / double(count), ring});
         }
       }
     // By x, so that what is near is found from neighbour to neighbour.
@@ -111,6 +113,29 @@ double even_width(const Outlines& shape, double share, double px, double beside)
     if (std::fabs(widths[i] - usual) > share * usual + px) uneven += outline.samples[i].length;
   return uneven <= std::max((double(outline.corners) + beside) * usual, share * outline.around) ? usual : 0.0;
 }
+
+// Of each ring the usual width along it, and the share of its length that is even.
+void ring_widths(const Outlines& shape, double share, double px, double* usual, double* even) {
+  const Measured outline(shape);
+  std::vector<std::vector<std::pair<double, double>>> found(shape.rings);  // widths, and for what lengths
+  for (size_t i = 0; i < outline.samples.size(); i++) {
+    const Sample& sample = outline.samples[i];
+    found[sample.ring].emplace_back(outline.width_at(int64_t(i)), sample.length);
+  }
+  for (int64_t ring = 0; ring < shape.rings; ring++) {
+    usual[ring] = even[ring] = 0.0;
+    if (found[ring].empty()) continue;
+    std::vector<double> widths;
+    for (const auto& each : found[ring]) widths.push_back(each.first);
+    usual[ring] = median(std::move(widths));
+    double around = 0.0;
+    for (const auto& [width, length] : found[ring]) {
+      around += length;
+      if (std::fabs(width - usual[ring]) <= share * usual[ring] + px) even[ring] += length;
+    }
+    even[ring] /= around;
+  }
+}
 }  // namespace
 }  // namespace cs
 
@@ -129,5 +154,12 @@ CS_EXPORT int32_t cs_even_widths(int64_t shapes, const int64_t* shape_ends, cons
       out[shape] = even_width({cubics + 8 * begin, int64_t(ends.size()), ends.data()}, share, px, beside);
     }
   });
+}
+
+// Of one shape: (rings,) the usual width along each ring, and the share of that which has it. Returns 0, or 1 without
+// memory.
+CS_EXPORT int32_t cs_ring_widths(int64_t rings, const int64_t* ring_ends, const double* cubics, double share, double px,
+                                 double* usual, double* even) {
+  return failed([&] { ring_widths({cubics, rings, ring_ends}, share, px, usual, even); });
 }
 }
