@@ -7,10 +7,11 @@ from io import BytesIO
 import cairosvg
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.regions.fills import picture_fills
+from cubicsplat_cli.artwork.regions.pen_lines import border_inks
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions, pixel_fills
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.vectorize import draw
@@ -153,3 +154,60 @@ def test_chosen_fills_gain_no_ink() -> None:
     levels, chosen = level_drawing(CROSSINGS, "#000000", 1.0), np.array([[255.0] * 4, [127.0, 127.0, 127.0, 255.0]])
     assert pixel_fills(FlatPicture(levels, chosen), most=2).palette.tolist() == chosen.tolist()
     assert pixel_fills(FlatPicture(levels, chosen)).palette.tolist() != chosen.tolist()
+
+
+def bordered(boxes: list[tuple[str, str]], width: float) -> np.ndarray:
+    """Boxes, each with its fill and the colour of its border, whose sides lie between pixels."""
+    shown = "".join(
+        f'<rect x="{20 + 45 * k}" y="20" width="30" height="70" fill="{fill}" stroke="{pen}" stroke-width="{width}"/>'
+        for k, (fill, pen) in enumerate(boxes)
+    )
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" width="190" height="110">{shown}</svg>'
+    return as_picture(
+        np.asarray(Image.open(BytesIO(cairosvg.svg2png(svg.encode(), background_color="white"))))
+    ).target()
+
+
+@pytest.mark.parametrize("width", [1.0, 1.5])
+@pytest.mark.parametrize(
+    "boxes",
+    [
+        [("#4682b4", "#333333"), ("#4682b4", "#333333")],
+        [("#ff7f0e", "#000000"), ("#2ca02c", "#000000"), ("#1f77b4", "#000000")],
+        [("#fde68a", "#b45309"), ("#bbf7d0", "#15803d")],
+    ],
+)
+def test_borders_between_two_rows_have_the_ink_in_line_with_both(boxes: list[tuple[str, str]], width: float) -> None:
+    drawing = draw(bordered(boxes, width))
+    wanted = {colour for box in boxes for colour in box} | {"#ffffff"}
+    fills = np.array(sorted(drawing.fills))[:, :3]
+    known = np.array(sorted(tuple(bytes.fromhex(colour[1:])) for colour in wanted))
+    assert fills.shape == known.shape
+    assert np.abs(fills - known).max() <= 9  # levels: of what is known to a level, from half of a pixel on
+    assert sum(shape.stroke is not None for shape in drawing.shapes) == len(boxes)
+
+
+def test_borders_of_two_fills_in_whole_pixels_stay_two() -> None:
+    """A button: a dark border around a light one, neither a blend."""
+    image = Image.new("RGB", (160, 120), "white")
+    pen = ImageDraw.Draw(image)
+    for inset, colour in enumerate(["#8a8f98", "#eef4ff", "#c4d4f0"]):
+        pen.rectangle([30 + inset, 30 + inset, 129 - inset, 89 - inset], colour)
+    drawing = draw(as_picture(np.asarray(image)).target())
+    assert {bytes(fill[:3]).hex() for fill in drawing.fills} == {"ffffff", "8a8f98", "eef4ff", "c4d4f0"}
+
+
+def test_the_ink_of_borders_is_where_lines_through_their_colours_meet() -> None:
+    areas, ink = (
+        np.array([[255.0, 255.0, 255.0, 255.0], [70.0, 130.0, 180.0, 255.0]]),
+        np.array([200.0, 20.0, 40.0, 255.0]),
+    )
+    shares = np.array([[0.3], [0.8]])
+    palette = np.vstack([areas, areas + shares * (ink - areas)])
+    labels = np.zeros((60, 60), dtype=np.int64)
+    labels[11:40, 11:40], labels[12:39, 12:39], labels[13:38, 13:38] = 2, 3, 1
+    thin = np.array([False, False, True, True])
+    ((found, _, lines),) = border_inks(palette, labels, thin, ~thin)
+    assert found == pytest.approx(ink) and lines == [2, 3]
+    labels[10:41, 10:41] = np.where(labels[10:41, 10:41] == 0, 2, labels[10:41, 10:41])  # three rows are no such line
+    assert border_inks(palette, labels, thin, ~thin) == []

@@ -20,6 +20,9 @@ NARROWEST, WIDEST = 0.75, 2.0  # px of a line across that shows its fill in some
 # px by which lines of one width differ: one of the four samples across a pixel that many programs take, or else what
 # rounding leaves. QUARTERS: of a pixel, in quarters, by which a share is off what samples give.
 SAMPLE, EXACT, QUARTERS = 0.25, 0.07, 0.12
+# Of the angle at which two lines through colours meet. The rounding of these, of about a level with what is between,
+# leaves 1 / sine of it where they do.
+LEAST_SINE = 0.06
 FAINT, WHOLE = 0.02, 0.95  # shares of a line in a pixel that belongs to it, and in one that is its own
 
 
@@ -51,19 +54,25 @@ def pen_blends(
         out[found | blends & (np.bincount(pure[near], minlength=len(palette)) >= BESIDE_GROUND * counts)] = True
 
     inks = list[np.ndarray]()
-    for k in np.flatnonzero(thin).tolist():
-        ink = None if out[k] else crossing_ink(levels, palette[k], solid, pure == k)
-        if ink is None:
-            continue
-        # It is known to the levels of the rounding of what meets, over a share.
+
+    def add(ink: np.ndarray, lines: list[int], off: float = SEEN) -> None:
+        """Take an ink, told to some levels, or the like of it that is known, for lines of these fills."""
         known = np.vstack([palette[~out], *inks])
         gaps = largest(np.abs(known - ink))
-        if gaps.min() > SEEN:
+        if gaps.min() > off:
             inks.append(ink)
         else:
             ink = known[gaps.argmin()]
         # What has nearly all of it are slanted lines of the same pen.
-        drop(between(ink, 1.0 - MORE) | (np.arange(len(palette)) == k), between(ink))
+        drop(between(ink, 1.0 - MORE) | np.isin(np.arange(len(palette)), lines), between(ink))
+
+    for ink, off, lines in border_inks(palette, pure, thin, ~doubtful):
+        if not out[lines].all():
+            add(ink, lines, off)
+    for k in np.flatnonzero(thin).tolist():
+        crossed = None if out[k] else crossing_ink(levels, palette[k], solid, pure == k)
+        if crossed is not None:
+            add(crossed, [k])
     areas = np.where((pure < 0) | doubtful[pure], -1, pure)
     # A false fill lies between the line's and an area's, so that the farthest from the areas is tried first.
     contrast = largest(np.abs(palette[:, None] - solid)).min(axis=1)
@@ -76,6 +85,60 @@ def pen_blends(
         if found.any():
             drop(found, blends)
     return np.array(inks).reshape(-1, 4), out
+
+
+def border_inks(
+    palette: np.ndarray, pure: np.ndarray, thin: np.ndarray, solid: np.ndarray
+) -> list[tuple[np.ndarray, float, list[int]]]:
+    """Return the fills (4,) of lines that lie between two rows of pixels and two areas of different fills, each with
+    the levels to which it is told and the numbers of the fills that such lines leave: each row blends the line with the
+    area beside it, and only one colour is in line with both.
+
+    palette: (P, 4) levels; pure: (H, W) the fills of pixels, -1 for none; thin, solid: (P,) bool, fills of lines and of
+    areas.
+    """
+    found = list[np.ndarray]()
+    for rows in (pure, pure.T):
+        one, first, second, other = (rows[:, k : rows.shape[1] - 3 + k] for k in range(4))
+        told = (first >= 0) & (second >= 0) & (one >= 0) & (other >= 0) & (one != other) & (first != second)
+        told &= thin[first] & thin[second] & solid[one] & solid[other]
+        found.append(np.stack([one[told], first[told], second[told], other[told]], axis=1))
+    lines = np.concatenate(found)
+    lines = np.where(lines[:, :1] > lines[:, 3:], lines[:, ::-1], lines)
+    kinds, counts = np.unique(lines, axis=0, return_counts=True)
+    areas, rows = palette[kinds[:, [0, 3]]], palette[kinds[:, 1:3]]
+    # The shares are where two lines, each from an area through the row beside it, are nearest to each other.
+    ways, apart = rows - areas, areas[:, 1] - areas[:, 0]
+    squares, between = (ways**2).sum(axis=2), (ways[:, 0] * ways[:, 1]).sum(axis=1)
+    along = (ways * apart[:, None]).sum(axis=2)
+    turn = squares.prod(axis=1) - between**2
+    times = (along * squares[:, ::-1] - along[:, ::-1] * between[:, None]) * [1.0, -1.0]
+    times /= np.maximum(turn, 1.0)[:, None]
+    inks = areas + times[..., None] * ways
+    ink = np.clip(inks.mean(axis=1), 0.0, 255.0)
+    widths = (1.0 / np.maximum(times, 1.0)).sum(axis=1)
+    good = (counts >= TOGETHER) & (times >= 1.0).all(axis=1) & (widths >= NARROWEST) & (widths <= WIDEST)
+    sines = np.sqrt(np.maximum(turn, 0.0) / np.maximum(squares.prod(axis=1), 1.0))
+    good &= sines > LEAST_SINE
+    good &= (np.abs(inks - ink[:, None]) <= SAME * times[..., None]).all(axis=(1, 2))
+    good &= (np.abs(rows - ink[:, None]).max(axis=2) > APART).all(axis=1)
+    out, left = list[tuple[np.ndarray, float, list[int]]](), np.where(good, sines, 0.0)
+    while left.max(initial=0.0):
+        best, known = int(left.argmax()), np.maximum(SEEN, 1.0 / np.maximum(left, LEAST_SINE))
+        same = (left > 0.0) & (largest(np.abs(ink - ink[best])) <= known)
+        if counts[same].sum() >= LONG:
+            told = _where_lines_meet(areas[same], ways[same], counts[same, None] / times[same] ** 2)
+            out.append((np.clip(told, 0.0, 255.0), float(known[best]), np.unique(kinds[same, 1:3]).tolist()))
+        left[same] = 0.0
+    return out
+
+
+def _where_lines_meet(starts: np.ndarray, ways: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the place (4,) nearest to lines from starts (..., 4) in directions (..., 4), by weights (...)."""
+    units = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+    across = weights[..., None, None] * (np.eye(4) - units[..., :, None] * units[..., None, :])
+    sums = across.reshape(-1, 4, 4).sum(axis=0), (across @ starts[..., None]).reshape(-1, 4).sum(axis=0)
+    return np.linalg.lstsq(*sums, rcond=None)[0]
 
 
 def crossing_ink(levels: np.ndarray, fill: np.ndarray, grounds: np.ndarray, shown: np.ndarray) -> np.ndarray | None:
