@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, line_chain
 from cubicsplat_cli.artwork.scene import scene_of
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, ground_shape, is_framed
 from cubicsplat_cli.artwork.strokes.frames import with_frames
 from cubicsplat_cli.artwork.strokes.leftover import left_of
@@ -87,15 +88,24 @@ def test_a_disc_has_its_stroke_at_any_place_and_width(radius: float, width: floa
     assert number(element, "stroke-width") == pytest.approx(width, abs=0.1)
 
 
-def test_lines_between_boxes_are_left_of_their_ink() -> None:
+def linked_boxes() -> np.ndarray:
     box = 'width="50" height="30" fill="#ffd23c" stroke="#1a1a1a" stroke-width="2"/>'
-    given = picture(
-        f'<path d="M60 35V130" stroke="#1a1a1a" stroke-width="2"/><rect x="35" y="20" {box}<rect x="35" y="110" {box}'
-    )
+    line = '<path d="M60 35V130" stroke="#1a1a1a" stroke-width="2"/>'
+    return picture(f'{line}<rect x="35" y="20" {box}<rect x="35" y="110" {box}')
+
+
+def test_lines_between_boxes_are_left_of_their_ink() -> None:
+    given = linked_boxes()
     drawing = draw(given)
     assert len(both(written(drawing))) == 2
     made = render_scene(scene_of(drawing))[..., :3]
     assert np.abs(made - given).max() < 0.06
+
+
+def test_strokes_around_fills_keep_to_the_number_of_shapes() -> None:
+    assert len(draw(linked_boxes()).shapes) > 4
+    few = draw(linked_boxes(), ArtworkSettings(curves=4))
+    assert len(few.shapes) == 4 and not both(written(few))
 
 
 def test_rings_of_a_target_stay_discs() -> None:

@@ -278,19 +278,20 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings
     from cubicsplat_cli.artwork.strokes.frames import with_frames
     from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes, with_shared_pens
 
+    most = settings.curves or math.inf
     with work().stoppable():
         work().at("finding strokes", 0.97)
         strokes = as_strokes(drawing, settings.detail, error, shorter=not settings.strokes)
         found = any(shape.stroke for shape in chain.from_iterable(strokes))
         if not settings.strokes:
             shorter = shorter_strokes(drawing, strokes, goal, settings.detail) if found else drawing
-            few_enough = len(shorter.shapes) <= (settings.curves or math.inf)
-            drawing = with_shared_pens(shorter if few_enough else drawing, goal, settings.detail)
+            drawing = with_shared_pens(shorter if len(shorter.shapes) <= most else drawing, goal, settings.detail)
         elif found:
             drawing = replace(drawing, shapes=tuple(chain.from_iterable(strokes)))
             drawing = fitted_strokes(drawing, goal)
         drawing = with_dashes(drawing, goal, settings.detail)
-        drawing = with_frames(drawing, goal, settings.detail, error, sampled=bool(grid))
+        framed = with_frames(drawing, goal, settings.detail, error, sampled=bool(grid))
+        drawing = framed if len(framed.shapes) <= most else drawing
     return drawing  # noqa: RET504 (a stop leaves an earlier one)
 
 
