@@ -219,20 +219,17 @@ def test_what_is_left_of_a_cross_is_its_arms() -> None:
     arms = polygon(np.array([[70, 10], [90, 10], [90, 150], [70, 150.0]]))
     cross = Shape(BLACK, (arms,), "black")
 
-    def disc(places: np.ndarray) -> np.ndarray:
-        return np.hypot(*(places - 80.0).T) < 30.0
-
-    parts = left_of(cross, [disc], 4.0)
+    parts = left_of(cross, [Circle(80.0, 80.0, 30.0).ring()], 4.0)
     rows = sorted(
         (float(part.outlines[0].anchors[:, 1].min()), float(part.outlines[0].anchors[:, 1].max())) for part in parts
     )
     ends = 80.0 - math.sqrt(900.0 - 100.0) + 4.0
     assert np.array(rows) == pytest.approx(np.array([[10.0, ends], [160.0 - ends, 150.0]]), abs=0.3)
-    assert left_of(cross, [lambda places: np.ones(len(places), bool)], 4.0) == []
+    assert left_of(cross, [Rectangle(60.0, 0.0, 40.0, 160.0).ring()], 4.0) == []
 
 
 def test_a_ring_that_nothing_covers_is_left_as_it_is() -> None:
-    (left,) = left_of(RING, [lambda places: np.zeros(len(places), bool)], 1.0)
+    (left,) = left_of(RING, [Circle(80.0, 80.0, 20.0).ring()], 1.0)
     assert np.allclose(left.coverage(0, 0, SIDE, SIDE), RING.coverage(0, 0, SIDE, SIDE))
 
 

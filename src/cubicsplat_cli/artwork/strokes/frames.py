@@ -24,7 +24,6 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     extent_of,
     flattened,
     following,
-    pieces_of_rings,
     points_at,
     polygon_lengths,
     signed_area,
@@ -35,9 +34,7 @@ from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE, MITER, C
 from cubicsplat_cli.artwork.shapes import SHAPE_PARAMETERS, Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import MOST_SLACK, PEN, length_of
 from cubicsplat_cli.artwork.strokes.leftover import SEEN, left_of
-from cubicsplat_cli.artwork.strokes.network import inside_of
 from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_state, misfit_growth
-from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import ring_widths
 from cubicsplat_cli.record import record
@@ -45,6 +42,8 @@ from cubicsplat_cli.scene.paint import is_opaque
 
 MOSTLY = 0.5  # share of a face's outline where the ink around it is as wide as usual, at least
 BROAD = 1.0 / 3.0  # of a face's mean width that a stroke is at most; what is broader is a shape of its own
+PART = 0.1  # of an ink that is around faces, at least: a page has few that lie so near to each other
+ALONG = 17  # points of a cubic by which its box is known
 FEWEST = 8  # points of an outline that primitives are fitted to
 NEAR_END = 1e-3  # parameter of a cubic near an end where it has a direction
 SHARPEST = 0.2  # 1 plus the cosine of the turn at a corner, at least: a mitre of 3.2 times its width
@@ -95,10 +94,11 @@ def with_frames(drawing: Drawing, goal: Goal, detail: float, error: float, *, sa
     """Return the drawing with strokes around fills, fitted to its goal, where its description becomes shorter. detail,
     error: as of `as_strokes`; sampled: whether the picture was drawn from few samples a pixel.
     """
-    slack, shapes = min(error, MOST_SLACK), drawing.shapes
+    slack, shapes, boxes = min(error, MOST_SLACK), drawing.shapes, _boxes(drawing.shapes)
     proposals, taken = list[_Framed](), set[int]()
-    for ink, faces in _inks(shapes):
-        found = None if ink in taken else _framed(shapes, ink, [n for n in faces if n not in taken], detail, slack)
+    for ink, upon in _inks(shapes, boxes):
+        faces = [n for n in upon if n not in taken]
+        found = None if ink in taken else _framed(shapes, boxes, ink, faces, detail, slack)
         if found is not None and not taken.intersection(found.numbers) and found.saved(shapes) > 0.0:
             proposals.append(found)
             taken |= {*found.numbers}
@@ -117,10 +117,18 @@ def with_frames(drawing: Drawing, goal: Goal, detail: float, error: float, *, sa
     return drawing
 
 
-def _inks(shapes: Sequence[Shape]) -> list[tuple[int, list[int]]]:
+def _boxes(shapes: Sequence[Shape]) -> np.ndarray:
+    """Return (n, 4) left, top, right and bottom of the outer outline of each shape."""
+    rings = [shape.outlines[0].ring().cubics for shape in shapes]
+    points = points_at(np.concatenate([*rings, np.zeros((0, 4, 2))]), np.linspace(0.0, 1.0, ALONG)).reshape(-1, 2)
+    starts = ALONG * np.cumsum([0, *map(len, rings)])[:-1]
+    ends = [end.reduceat(points, starts) for end in (np.minimum, np.maximum)] if rings else np.zeros((2, 0, 2))
+    return np.concatenate(ends, axis=1)
+
+
+def _inks(shapes: Sequence[Shape], boxes: np.ndarray) -> list[tuple[int, list[int]]]:
     """Return the numbers of shapes in an opaque fill, each with those of the shapes of one outline that lie on it; only
-    those on which any lie, or which have a hole."""
-    boxes = np.array([[*extent_of([outline.ring() for outline in shape.outlines])] for shape in shapes]).reshape(-1, 4)
+    those on which any lie, or which have a hole. boxes: (n, 4) of the shapes."""
     areas = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     upon: dict[int, list[int]] = {n: [] for n in range(len(shapes))}
     for n, shape in enumerate(shapes):
@@ -138,14 +146,17 @@ def _is_face(shape: Shape) -> bool:
     return len(shape.outlines) == 1 and shape.stroke is None and is_opaque(shape.paint)
 
 
-def _framed(shapes: Sequence[Shape], ink: int, upon: list[int], detail: float, slack: float) -> _Framed | None:
-    """Return an ink as frames around faces, those upon it and in its holes; None if it has one width around none."""
+def _framed(
+    shapes: Sequence[Shape], boxes: np.ndarray, ink: int, upon: list[int], detail: float, slack: float
+) -> _Framed | None:
+    """Return an ink as frames around faces, those upon it and in its holes; None if it has one width around none.
+    boxes: (n, 4) of the shapes."""
     shape = shapes[ink]
     if shape.stroke is not None:
         path = shape.stroke.path
         if isinstance(path, Chain) or shape.stroke.dashes or len(shape.outlines) < 2:
             return None
-        face = _beneath(shapes, ink, shape.outlines[1], path, shape.stroke.width)
+        face = _beneath(shapes, boxes, ink, shape.outlines[1], path, shape.stroke.width)
         return None if face is None else _Framed(ink, [_Frame(path, shape.stroke, face)], [])
     own = shape.oriented()
     outlines = [*shape.outlines, *(shapes[n].outlines[0] for n in upon)]
@@ -155,7 +166,8 @@ def _framed(shapes: Sequence[Shape], ink: int, upon: list[int], detail: float, s
     areas = np.array([-signed_area(ring) for ring in rings])
     lengths = np.array([polygon_lengths(ring.cubics).sum() for ring in rings])
     found = (even >= MOSTLY) & (widths > 0.0) & (widths * lengths <= BROAD * 2.0 * areas)
-    if not found.any():
+    shown = -areas[: len(own)].sum() - areas[len(own) :].sum()
+    if not found.any() or (widths * lengths)[found].sum() < PART * shown:
         return None
     from cubicsplat_cli.artwork.strokes.build import join_of  # few drawings have any
     from cubicsplat_cli.artwork.strokes.skeleton import Sides
@@ -166,17 +178,17 @@ def _framed(shapes: Sequence[Shape], ink: int, upon: list[int], detail: float, s
         path = _path_around(outlines[k], shape.outlines[0], width, detail, slack)
         stroke = Stroke(path, width, join=join_of(path, True, width, sides) or MITER)
         if k < len(own):
-            face = _beneath(shapes, ink, outlines[k], path, width)
+            face = _beneath(shapes, boxes, ink, outlines[k], path, width)
         else:
             face = upon[k - len(own)]
-            face = None if _meets(shapes[ink + 1 : face], shape.stroked(stroke)) else face
+            face = None if _meets(shapes, boxes, range(ink + 1, face), shape.stroked(stroke)) else face
         if face is not None:
             frames.append(_Frame(path, stroke, face))
     if not frames:
         return None
-    covered = [shape.stroked(replace(own.stroke, width=own.stroke.width + 2.0 * off)).oriented()[:1] for own in frames]
+    wider = (replace(frame.stroke, width=frame.stroke.width + 2.0 * off) for frame in frames)
     reach = 0.5 * min(frame.stroke.width for frame in frames) + off
-    rest = left_of(shape, [inside_of(*pieces_of_rings(each)) for each in covered], reach)
+    rest = left_of(shape, [shape.stroked(stroke).oriented()[0] for stroke in wider], reach)
     return None if rest is None else _Framed(ink, frames, rest)
 
 
@@ -220,25 +232,28 @@ def _normals(ways: np.ndarray) -> np.ndarray:
     return np.stack([ways[:, 1], -ways[:, 0]], axis=1) / np.maximum(np.hypot(*ways.T), 1e-9)[:, None]
 
 
-def _beneath(shapes: Sequence[Shape], ink: int, hole: Outline, path: Outline, width: float) -> int | None:
+def _beneath(
+    shapes: Sequence[Shape], boxes: np.ndarray, ink: int, hole: Outline, path: Outline, width: float
+) -> int | None:
     """Return the number of the shape beneath an ink that fills a hole in it and ends under a stroke of a path and width
-    around that; None if there is none that can be moved up to the stroke."""
-    (low, high), middle = extent_of([hole.ring()]), replace(shapes[ink], outlines=(path,), stroke=None)
-    for n in range(ink - 1, -1, -1):
-        first, last = extent_of([outline.ring() for outline in shapes[n].outlines])
-        if (first <= low).all() and (last >= high).all():
-            ends = (low - first <= width).all() and (last - high <= width).all()
-            return n if ends and _is_face(shapes[n]) and not _meets(shapes[n + 1 : ink], middle) else None
-    return None
+    around that; None if there is none that can be moved up to the stroke. boxes: (n, 4) of the shapes."""
+    low, high = extent_of([hole.ring()])
+    around = np.flatnonzero((boxes[:ink, :2] <= low).all(axis=1) & (boxes[:ink, 2:] >= high).all(axis=1))
+    if not len(around):
+        return None
+    n = int(around[-1])
+    ends = (low - boxes[n, :2] <= width).all() and (boxes[n, 2:] - high <= width).all()
+    middle = replace(shapes[ink], outlines=(path,), stroke=None)
+    return n if ends and _is_face(shapes[n]) and not _meets(shapes, boxes, range(n + 1, ink), middle) else None
 
 
-def _meets(shapes: Sequence[Shape], shape: Shape) -> bool:
-    """Return whether a shape lies on any of some others."""
-    boxes, (left, top, right, bottom) = boxes_of(shapes).T, boxes_of([shape])[0]
-    near = (boxes[0] < right) & (boxes[1] < bottom) & (boxes[2] > left) & (boxes[3] > top)
+def _meets(shapes: Sequence[Shape], boxes: np.ndarray, others: range, shape: Shape) -> bool:
+    """Return whether a shape lies on any of some other shapes, by their numbers. boxes: (n, 4) of the shapes."""
+    (left, top, right, bottom), own = boxes[others.start : others.stop].T, _boxes([shape])[0]
+    near = (left < own[2]) & (top < own[3]) & (right > own[0]) & (bottom > own[1])
     window = shape.window
     return any(
-        float(np.minimum(shape.coverage(*window), shapes[n].coverage(*window)).sum()) > SEEN
+        float(np.minimum(shape.coverage(*window), shapes[others[n]].coverage(*window)).sum()) > SEEN
         for n in np.flatnonzero(near).tolist()
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import (
     Ring,
     extent_of,
+    pieces_of_rings,
     places_within,
     points_at,
     polygon_lengths,
@@ -20,25 +21,32 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 )
 from cubicsplat_cli.artwork.geometry.stroke import between
 from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.artwork.strokes.network import inside_of
 
 FINE = 0.25  # px between the points of an outline
 SEEN = 1.0  # px^2, of the least part that matters
 STRAIGHT = 1e-6  # off 1, of the cosine of the angle at which a line goes on as another one
 
 
-def left_of(shape: Shape, covers: Sequence[Callable[[np.ndarray], np.ndarray]], reach: float) -> list[Shape] | None:
+def left_of(shape: Shape, covers: Sequence[Ring], reach: float) -> list[Shape] | None:
     """Return the shapes that are left of a shape where nothing covers it, in any order; none if it is covered all over,
     None if what is left makes no shapes.
 
-    covers: each says of places (n, 2) in px which it covers, (n,) bool. reach: px by which what is left goes on beneath
+    covers: the outlines, clockwise as seen, of what covers it. reach: px by which what is left goes on beneath
     what covers the rest; runs of the outline that are shorter do not count.
     """
     rings, runs = list[Ring](), list[np.ndarray]()
+    hidden = [(extent_of([cover]), inside_of(*pieces_of_rings([cover]))) for cover in covers]
     for ring in shape.oriented():
+        low, high = extent_of([ring])
+        near = [inside for (first, last), inside in hidden if (first <= high).all() and (last >= low).all()]
+        if not near:
+            rings.append(ring)
+            continue
         piece, number = places_within(np.maximum(1, np.ceil(polygon_lengths(ring.cubics) / FINE)).astype(int))
         places = piece + number / np.bincount(piece)[piece]
         points = points_at(ring.cubics[piece], (places - piece)[:, None])[:, 0]
-        covered = np.logical_or.reduce([cover(points) for cover in covers])
+        covered = np.logical_or.reduce([inside(points) for inside in near])
         if not covered.any():
             rings.append(ring)
         elif not covered.all():
