@@ -11,7 +11,6 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import (
     Ring,
     extent_of,
-    pieces_of_rings,
     places_within,
     points_at,
     polygon_lengths,
@@ -21,7 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 )
 from cubicsplat_cli.artwork.geometry.stroke import between
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.artwork.strokes.network import inside_of
+from cubicsplat_cli.artwork.strokes.network import Inside
 
 FINE = 0.25  # px between the points of an outline
 SEEN = 1.0  # px^2, of the least part that matters
@@ -36,7 +35,7 @@ def left_of(shape: Shape, covers: Sequence[Ring], reach: float) -> list[Shape] |
     what covers the rest; runs of the outline that are shorter do not count.
     """
     rings, runs = list[Ring](), list[np.ndarray]()
-    hidden = [(extent_of([cover]), inside_of(*pieces_of_rings([cover]))) for cover in covers]
+    hidden = [(extent_of([cover]), Inside.of([cover])) for cover in covers]
     for ring in shape.oriented():
         low, high = extent_of([ring])
         near = [inside for (first, last), inside in hidden if (first <= high).all() and (last >= low).all()]

@@ -7,6 +7,7 @@ middle. What lies on one line is one stroke, as far as the shape goes on between
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from operator import itemgetter
 
 import numpy as np
@@ -46,14 +47,23 @@ class _Sides:
 
 @record
 class Inside:
-    """Where a shape is: low (2,) px, the corner of a mask (H, W) bool of STEPS pixels a px."""
+    """Where a shape is: low (2,) px, the corner of a mask (H, W) bool of `steps` pixels a px."""
 
     low: np.ndarray
+    steps: int
     mask: np.ndarray
+
+    @classmethod
+    def of(cls, rings: Sequence[Ring], steps: int = STEPS) -> Inside:
+        """Return where rings, outer ones clockwise as seen and holes the other way, enclose a shape."""
+        cubics, lines = pieces_of_rings(rings)
+        low = np.floor(cubics.min(axis=(0, 1))) - 2.0
+        columns, rows = ((np.ceil(cubics.max(axis=(0, 1))) + 2.0 - low) * steps).astype(int).tolist()
+        return cls(low, steps, coverage((cubics - low) * steps, lines, 0, 0, rows, columns) > 0.5)
 
     def __call__(self, places: np.ndarray) -> np.ndarray:
         """Return (...) bool for places (..., 2) in px."""
-        x, y = np.moveaxis(np.floor((places - self.low) * STEPS).astype(int), -1, 0)
+        x, y = np.moveaxis(np.floor((places - self.low) * self.steps).astype(int), -1, 0)
         height, width = self.mask.shape
         return self.mask[y.clip(0, height - 1), x.clip(0, width - 1)]
 
@@ -76,7 +86,7 @@ def network_of(rings: tuple[Ring, ...]) -> list[Stroke]:
     rest = lengths[~sides & (lengths > SHORTEST * width)].sum()
     if sides.sum() < FEWEST or rest > (1.0 - STRAIGHT) * lengths.sum() or _bent(ways, sides):
         return []
-    inside = inside_of(cubics, lines)
+    inside = Inside.of(rings)
     starts, ends, inward = cubics[sides, 0], cubics[sides, 3], inward[sides]
     for _ in range(2):  # the second time with the width that the first has told
         found = _Sides(starts + 0.5 * width * inward, ends + 0.5 * width * inward)
@@ -97,13 +107,6 @@ def _bent(ways: np.ndarray, sides: np.ndarray) -> bool:
     turns = np.abs(np.arctan2(crossed(ways, after), (ways * after).sum(axis=1)))
     small = sides & np.roll(sides, -1) & (turns > EVEN) & (turns < math.asin(LEAST_SINE))
     return bool(small.sum() > BENT * sides.sum())
-
-
-def inside_of(cubics: np.ndarray, lines: np.ndarray) -> Inside:
-    """Return where the pieces of a shape enclose it."""
-    low = np.floor(cubics.min(axis=(0, 1))) - 2.0
-    columns, rows = ((np.ceil(cubics.max(axis=(0, 1))) + 2.0 - low) * STEPS).astype(int).tolist()
-    return Inside(low, coverage((cubics - low) * STEPS, lines, 0, 0, rows, columns) > 0.5)
 
 
 def _groups(sides: _Sides, width: float) -> list[np.ndarray]:

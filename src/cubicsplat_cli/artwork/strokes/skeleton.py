@@ -14,8 +14,8 @@ from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, pieces_of_rings, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE
+from cubicsplat_cli.artwork.strokes.network import Inside
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
@@ -49,15 +49,11 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
     scale = int(np.clip(np.ceil(FINEST / max(width, 1e-6)), 1, FINEST))
-    cubics, lines = pieces_of_rings(rings)
-    low = np.floor(cubics.min(axis=(0, 1))) - 2.0
-    size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
-    columns, rows = (size * scale).astype(int)
-    mask = coverage((cubics - low) * scale, lines, 0, 0, int(rows), int(columns)) > 0.5
-    graph = _graph(ndimage.skeletonize(mask))
+    inside = Inside.of(rings, scale)
+    graph = _graph(ndimage.skeletonize(inside.mask))
     for branch in graph.branches:
-        branch.points = (branch.points + 0.5) / scale + low
-    return _tidied(Graph(graph.branches, (graph.places + 0.5) / scale + low), width)
+        branch.points = (branch.points + 0.5) / scale + inside.low
+    return _tidied(Graph(graph.branches, (graph.places + 0.5) / scale + inside.low), width)
 
 
 def _graph(skeleton: np.ndarray) -> Graph:
