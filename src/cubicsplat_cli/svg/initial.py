@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import points_at, thirds
+from cubicsplat_cli.artwork.geometry.outlines import are_lines, points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file
@@ -130,7 +130,7 @@ def _around(line: Subpath, shape: PaintedShape) -> list[np.ndarray]:
     They are near enough to begin a fit with; the segments that would make them exact would take twice the time.
     """
     cubics = line.ring() if line.closed else line.cubics
-    lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
+    lines = are_lines(cubics)
     plan = OffsetPlan.of(cubics, lines, "closed" if line.closed else shape.cap, shape.join)
     outline = replace(plan, parts=np.minimum(plan.parts, _PARTS)).outline(cubics, shape.width / 2.0)
     return np.split(outline.cubics, outline.ends[:-1])

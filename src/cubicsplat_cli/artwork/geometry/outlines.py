@@ -199,6 +199,11 @@ def thirds(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[:, None] / 3.0
 
 
+def are_lines(cubics: np.ndarray) -> np.ndarray:
+    """(n,) bool: which cubics (n, 4, 2) are lines, with their inner control points at the thirds."""
+    return np.asarray(np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2)))
+
+
 def crossed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """(...) the cross products of vectors (..., 2)."""
     return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]

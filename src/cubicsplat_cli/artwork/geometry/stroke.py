@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Ring,
     arc,
     arc_lengths,
+    are_lines,
     cubic_parts,
     path_numbers,
     points_at,
@@ -184,7 +185,7 @@ def between(cubics: np.ndarray, first: float, last: float) -> np.ndarray:
 
 def _chain_of(cubics: np.ndarray) -> Chain:
     """The chain of cubics (n, 4, 2), those that are straight as lines."""
-    lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
+    lines = are_lines(cubics)
     anchors = np.concatenate([cubics[:, 0], cubics[-1:, 3]])
     return Chain(anchors, cubics[:, 1:3].copy(), lines, np.zeros(len(anchors), dtype=bool))
 

@@ -220,10 +220,13 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     A picture was filtered as linear light if without such halos its edges are blended so. Its halos and second lobes
     are the wider in the dark.
     """
-    edges = [*_edges(levels), *_edges(levels.swapaxes(0, 1))]
-    sharpened = _sharpened(edges)
-    in_linear = (each._replace(lines=in_light(each.lines)) for each in edges)
-    if not (sharpened or _sharpened(in_linear)) or rippled(levels):
+    axes = levels, levels.swapaxes(0, 1)
+    for looking in (False, True):  # at what lies beside edges, where these seem to have halos
+        edges = [each for axis in axes for each in _edges(axis, looking)]
+        sharpened = _sharpened(edges)
+        if not (sharpened or _sharpened(each._replace(lines=in_light(each.lines)) for each in edges)):
+            return levels
+    if rippled(levels):
         return levels
     even, flat = _even(levels, ROUGH), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
@@ -264,13 +267,19 @@ def _filtered(levels: np.ndarray, light: bool) -> np.ndarray:
     return seen
 
 
-def _edges(levels: np.ndarray) -> list[_Edges]:
-    """Return the edges along the rows of each channel of a picture (H, W, C)."""
+def _edges(levels: np.ndarray, looking: bool) -> list[_Edges]:
+    """Return the edges along the rows of each channel of a picture (H, W, C); looking: at what lies beside them."""
+    beyond = _beyond(levels) if looking else np.zeros((len(levels), max(levels.shape[1] - 2 * REACH, 0)), dtype=bool)
+    return [_Edges.of(values, beyond) for values in np.moveaxis(levels, 2, 0)]
+
+
+def _beyond(levels: np.ndarray) -> np.ndarray:
+    """Return (H, W - 2 * REACH) bool: from which pixels on, of a row, some channel differs from both of its ends by
+    more than a halo."""
     size, ends = (1, 2 * REACH + 1, 1), np.stack([levels[:, : -2 * REACH], levels[:, 2 * REACH :]])
     low, high = ends.min(axis=0), ends.max(axis=0)
     least, most = (each(levels, size)[:, REACH:-REACH] for each in (ndimage.minimum_filter, ndimage.maximum_filter))
-    beyond = largest(np.maximum(low - least, most - high)) > BEYOND * largest(high - low)
-    return [_Edges.of(values, beyond) for values in np.moveaxis(levels, 2, 0)]
+    return np.asarray(largest(np.maximum(low - least, most - high)) > BEYOND * largest(high - low))
 
 
 class _Edges(NamedTuple):

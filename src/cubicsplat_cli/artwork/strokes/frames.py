@@ -102,10 +102,12 @@ def with_frames(drawing: Drawing, goal: Goal, detail: float, error: float, *, sa
         if found is not None and not taken.intersection(found.numbers) and found.saved(shapes) > 0.0:
             proposals.append(found)
             taken |= {*found.numbers}
+    if not proposals:
+        return drawing
     if sampled:
         goal = replace(goal, share_error=max(goal.share_error, SIDES_ERROR))
-    before = State([still_layer(shape, goal) for shape in shapes], goal) if proposals else None
-    while before is not None and proposals:
+    before = State([still_layer(shape, goal) for shape in shapes], goal)
+    while proposals:
         trial = _Trial.of(proposals, shapes)
         after = trial.fitted(before, drawing)
         lost, kept = trial.lost(before, after, detail)
@@ -251,11 +253,12 @@ def _meets(shapes: Sequence[Shape], boxes: np.ndarray, others: range, shape: Sha
     """Return whether a shape lies on any of some other shapes, by their numbers. boxes: (n, 4) of the shapes."""
     (left, top, right, bottom), own = boxes[others.start : others.stop].T, _boxes([shape])[0]
     near = (left < own[2]) & (top < own[3]) & (right > own[0]) & (bottom > own[1])
+    if not near.any():
+        return False
     window = shape.window
-    return any(
-        float(np.minimum(shape.coverage(*window), shapes[others[n]].coverage(*window)).sum()) > SEEN
-        for n in np.flatnonzero(near).tolist()
-    )
+    covered = shape.coverage(*window)
+    met = (np.minimum(covered, shapes[others[n]].coverage(*window)) for n in np.flatnonzero(near).tolist())
+    return any(float(each.sum()) > SEEN for each in met)
 
 
 @record
@@ -295,6 +298,8 @@ class _Trial:
         """Return (n,) what the frames of each ink cost in numbers, by their pixels and what is left of it; and which of
         that the pixels show."""
         lost = detail * misfit_growth(before, after, self.before, self.owners)
+        if not self.rest:
+            return lost, set()
         numbers = range(len(self.shapes))
         bare = after.with_layers([after.layers[k] for k in numbers if k not in self.rest])
         alone = np.array([k if k in self.rest else -1 for k in numbers])

@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import (
     Ring,
+    are_lines,
     extent_of,
     places_within,
     points_at,
@@ -18,7 +19,8 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     signed_area,
     thirds,
 )
-from cubicsplat_cli.artwork.geometry.stroke import between
+from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
+from cubicsplat_cli.artwork.geometry.stroke import between, line_chain
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.strokes.network import Inside
 
@@ -92,12 +94,8 @@ def _longer(run: np.ndarray, reach: float) -> np.ndarray:
     ends = []
     for place, way in ((run[0, 0], run[0, 0] - run[0, 1]), (run[-1, 3], run[-1, 3] - run[-1, 2])):
         ends.append(place + reach * way / max(float(np.hypot(*way)), 1e-9))
-    return np.concatenate([_line(ends[0], run[0, 0]), run, _line(run[-1, 3], ends[1])])
-
-
-def _line(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the line (1, 4, 2) between two places (2,)."""
-    return np.concatenate([start[None, None], thirds(start[None], end[None]), end[None, None]], axis=1)
+    before, behind = (line_chain(np.stack(points)).cubics for points in ((ends[0], run[0, 0]), (run[-1, 3], ends[1])))
+    return np.concatenate([before, run, behind])
 
 
 def _joined(runs: list[np.ndarray]) -> list[Ring]:
@@ -106,20 +104,17 @@ def _joined(runs: list[np.ndarray]) -> list[Ring]:
         return []
     starts, ends = np.array([run[0, 0] for run in runs]), np.array([run[-1, 3] for run in runs])
     distances = np.hypot(*(ends[:, None] - starts).transpose(2, 0, 1))
-    following = dict[int, int]()
+    partner = dict[Link, Link]()  # the end of each, 1, goes on into the start of another one, 0
     for pair in np.argsort(distances, axis=None, kind="stable").tolist():
         end, start = divmod(pair, len(runs))
-        if end not in following and start not in following.values():
-            following[end] = start
-    rings, left = list[Ring](), set(following)
-    while left:
-        row = [min(left)]
-        while following[row[-1]] != row[0]:
-            row.append(following[row[-1]])
-        left -= set(row)
-        rings.append(
-            _ring([part for a, b in pairwise([*row, row[0]]) for part in (runs[a], _line(ends[a], starts[b]))])
-        )
+        if (end, 1) not in partner and (start, 0) not in partner:
+            partner |= {(end, 1): (start, 0), (start, 0): (end, 1)}
+    rings = list[Ring]()
+    for row, _ in rows_of(range(len(runs)), partner):
+        parts = list[np.ndarray]()
+        for (a, _), (b, _) in pairwise([*row, row[0]]):
+            parts += [runs[a], line_chain(np.stack([ends[a], starts[b]])).cubics]
+        rings.append(_ring(parts))
     return rings
 
 
@@ -129,11 +124,11 @@ def _ring(parts: list[np.ndarray]) -> Ring:
     cubics = cubics[polygon_lengths(cubics) > 1e-9]
     chords = cubics[:, 3] - cubics[:, 0]
     ways = chords / np.maximum(np.hypot(*chords.T), 1e-9)[:, None]
-    lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
+    lines = are_lines(cubics)
     before = np.roll(np.arange(len(cubics)), 1)
     kept = np.flatnonzero(~(lines & lines[before] & ((ways * ways[before]).sum(axis=1) > 1.0 - STRAIGHT)))
     merged = cubics[kept]
     merged[:, 3] = np.roll(merged[:, 0], -1, axis=0)
-    straight = lines[kept]
-    merged[straight, 1:3] = thirds(merged[straight, 0], merged[straight, 3])
-    return ring_of_cubics(merged, straight, smooth=False)
+    lines = lines[kept]
+    merged[lines, 1:3] = thirds(merged[lines, 0], merged[lines, 3])
+    return ring_of_cubics(merged, lines, smooth=False)
